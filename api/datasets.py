@@ -214,10 +214,10 @@ def export_scenes(
         family: FAMILY:LEVEL as in "stairs:0.6".
         folder: a new or empty folder.
         seed: seed of the first scene; the others follow.
-        progress: called with scenes written, and all.
+        progress: called with the numbers of scenes written and of all.
 
     Returns:
-        The status of each.
+        The status of each scene.
     """
     from stancekit.learners.data import leap_tries
     from stancekit.planners.plugins import split_name

@@ -69,7 +69,7 @@ class Evidence:
         return {}
 
     def moment(self, when: float) -> str:
-        """A moment of one of the verifier's groups, in words."""
+        """A time of the motion, in words, for messages of the verifier."""
         if not self.MOMENT:
             return f"at {when:.3f} s"
         share, frame = math.modf(when)
@@ -90,7 +90,7 @@ class Evidence:
         return {"question": self.question}
 
     def content(self) -> dict[str, Any]:
-        """All of it, as a file has it: the head, and the arrays with their labels."""
+        """The whole content of a file: the head, and the arrays with their labels."""
         return {**self.head(), "columns": {"npz": embedded(self.arrays()), **self.labels()}}
 
     @cached_property

@@ -103,7 +103,7 @@ class MotionTable(Evidence):
         Raises InvalidInput where it is not known.
         """
         if self.quaternion is None:
-            raise InvalidInput("quaternion: expected how the body is turned, got nothing")
+            raise InvalidInput("quaternion: expected the orientation of the body, got none")
         return _rotations_from(self.quaternion)
 
     @property
@@ -271,7 +271,7 @@ class LeapPlan(Motion):
         return self.problem.name
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
-        """The surfaces that are taken, with this share of their friction."""
+        """The chosen surfaces, with this share of their friction."""
         feet = range(len(self.problem.footholds))
         return dulled([self.problem.patch(j, self.choice) for j in feet], friction_share)
 

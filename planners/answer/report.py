@@ -287,7 +287,7 @@ class Report(Generic[S]):
     @property
     def message(self) -> str:
         """One line: the verdict, what was not checked, every group that is refused, the worst
-        first, and what hinders the execution of what is accepted.
+        first, and the reason if an accepted answer cannot be executed.
         """
         if self.said:
             return self.said

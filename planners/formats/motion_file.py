@@ -387,11 +387,11 @@ class FileCheck:
 
     Arguments:
         path: path of the file.
-        kind: what it holds: a proof is that there is "no-plan", "no-posture" or "no-leap".
-        report: the verifier's.
-        message: all of it in one line.
-        same: the verdict that the file claims is the one of this look.
-        founded: what the file lists as checked can be checked.
+        kind: kind of its content; that of a proof is "no-plan", "no-posture" or "no-leap".
+        report: report of the verifier.
+        message: result in one line.
+        same: True if the file claims the verdict that this check finds.
+        founded: True if all that the file lists as checked can be checked.
     Source:
         docs/formats.md.
 

@@ -490,8 +490,8 @@ class Problem:
 
     @property
     def unit_m(self) -> float:
-        """Unit of lengths in which it is computed: the length scale, or the robot's size where that
-        is so far from it that no digits would be left [m].
+        """Unit of lengths for computing: the length scale, or the robot's size where the two differ
+        so much that precision would be lost [m].
         """
         limbs, unit_m = self.robot.limbs, self.length_scale_m
         size_m = max(float(np.abs(each.shoulder_m).max()) + each.reach_m for each in limbs)

@@ -189,7 +189,7 @@ class Limb:
     spherical workspace.
 
     Arguments:
-        name: a word.
+        name: name of the limb.
         shoulder_m: p_BS, position of the shoulder in the body frame, shape (3,) [m].
         reach_m: Δ_FK of E11, radius of the workspace about the shoulder [m].
         reach_rows: half-spaces that hold the toe, in addition to the ball; to have them alone, set
@@ -450,7 +450,7 @@ class _RobotNumbers:
     """The keys of a robot: its limbs, and what makes its legs.
 
     Arguments:
-        name: a word.
+        name: name of the robot.
         mass_kg: the whole mass [kg].
         limbs: one or more.
         identity: name and digest of the model that the robot comes from.
@@ -501,7 +501,7 @@ class Robot:
     """A body with point-contact limbs; its centre of mass stays at the body's origin.
 
     Arguments:
-        name: a word.
+        name: name of the robot.
         mass_kg: the whole mass [kg].
         limbs: one or more, of different names; with feet always those of their boxes.
         model: the robot's own legs, joint by joint, from its file; None if only its limbs are

@@ -235,7 +235,7 @@ class Method(ABC):
         time_limit_s: limit per problem; None for 30 (posture) or 60 (course) [s].
         acceptance: when a claim counts.
         programs: compiled models to share; those of the thread where None.
-        most_s: longest time for one problem that whoever asks has, whatever its kind [s].
+        most_s: the caller's own limit per problem of either kind [s].
     """
 
     name: ClassVar[str]

@@ -328,7 +328,7 @@ class Exact(Method):
     def search(
         self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None
     ) -> CutSearch:
-        """The search that ``solve`` has the claim of a posture verified of, when it has run.
+        """The finished search whose claim on a posture ``solve`` lets the verifier check.
 
         Arguments:
             root: as for ``solve``.

@@ -53,13 +53,13 @@ class TwoStage(Method):
     bilinear surface m = p·f.
 
     Arguments:
-        relaxation: P1, a name of ``RELAXATIONS``; where None "p1" with envelopes, and without any
-            the lift.
+        relaxation: P1, a name of ``RELAXATIONS``; None for "p1" with envelopes, and for the lift
+            without any.
         envelopes: learned boxes that P1 is over, in contact frames, for a stance of the problem or
             its mirror image; of courses, with several, one is chosen a stance, and also several
             sets, for stances on different limbs, ``StanceBoxes`` for the stances of one course, and
             ``Modes``, boxes in world axes.
-        projection: P2, a name of ``PROJECTIONS``; None puts P1's own point to the verifier, of
+        projection: P2, a name of ``PROJECTIONS``; None gives P1's own point to the verifier, for
             postures.
         reserve: for courses: plan with 80 % of the friction where that has a plan, else with 90 %,
             else with all.

@@ -142,11 +142,11 @@ class FootholdLimits:
 
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
-        clearance_m: what is free above the surface, along its normal; None for ``_CLEARANCE_M`` of
-            a robot of size 1, and as much more or less as it is larger or smaller [m].
+        clearance_m: free space above the surface, along its normal; None for ``_CLEARANCE_M`` times
+            the robot's size [m].
         margin_m: distance of every foothold from the borders of its surface; None for the radius of
             the robot's foot, or ``_FOOT_M`` by its size where that is unknown [m].
-        width_m: least width of what is left; None likewise [m].
+        width_m: least width of the rest; None likewise [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
             roughness; None estimates it from the heights [m].

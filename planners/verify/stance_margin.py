@@ -336,8 +336,8 @@ def compiled() -> Any:
 
 
 def places(borne: Array) -> Array:
-    """Shifts of the centre of mass: one that is t elsewhere takes t × b of the moments, b the sum of
-    the forces; shape (N, 6, 2).
+    """Change of the wrench per shift of the centre of mass: a shift t takes t × b from the moments,
+    where b is the sum of the forces; shape (N, 6, 2).
 
     Arguments:
         borne: b and its moment about the centre of mass in units of the weight, shape (N, 6).

@@ -155,7 +155,7 @@ class JointStates:
             return
         rows = [_list(message, key) for key in ("position", "velocity", "effort")]
         if len(rows[0]) != len(names):
-            raise InvalidInput(f"expected {len(names)} positions, one a name, got {len(rows[0])}")
+            raise InvalidInput(f"expected {len(names)} positions, one per name, got {len(rows[0])}")
         now = time.monotonic()
         key = tuple(sorted(names[k] for k in mine))
         if len(self._clocks) < _PUBLISHERS:
