@@ -168,8 +168,8 @@ class LeapView(View):
 
     @cached_property
     def metres_a_newton(self) -> float:
-        """Length of the arrow of a force: the largest one that is planned is so much of the robot's
-        size.
+        """Length of a force's arrow per newton, so that the largest planned force is drawn as a
+        fixed share of the robot's size.
         """
         largest = float(np.linalg.norm(self.rows.forces_n, axis=2).max())
         return LONGEST * self.shape.size_m / max(largest, 1e-9)

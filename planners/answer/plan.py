@@ -210,13 +210,13 @@ class LeapPlan(Motion):
         forces_n: constant force of every limb in every interval, shape (M, N, 3) [N].
         com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the
             intervals, which follow from the forces; shape (M + 1, 3) each.
-        legs_turn_rad: by how much legs that swing turn the body in every interval, beside L, as far
-            as that is known, shape (M, 3) [rad]; None where legs are taken to weigh nothing, as
-            those of a robot that has limbs alone are.
+        legs_turn_rad: turn of the body by swinging legs in every interval, in addition to that by
+            L, as far as known, shape (M, 3) [rad]; None for legs without mass, as of a robot with
+            limbs alone.
         gather: how legs are drawn up in flight, shape (2,): after which share of it, 0.05 to 0.49,
             and how long they are then as a share of the shorter of their lengths at both ends, 0.1
             to 1; None for (0.3, 0.8).
-        provenance: what made it, names to texts or numbers.
+        provenance: origin, names to texts or numbers.
 
     Source:
         Newton and Euler for one rigid body; docs/concepts/leaps.md.

@@ -69,12 +69,11 @@ class Group:
             body.
         when: key frame, with the share of the way to the next as its fraction, or seconds of a
             walk; None where the group has no moment.
-        limb: the limb that ``where`` speaks of; empty of anything else.
+        limb: limb of ``where``; empty if it is no limb.
         message: why the group is violated or was not checked, in words.
-        scale: the value that is a violation of 1, of a group whose values are violations; None of
-            any other.
-        verdict: "holds", "violated", "not checked" or "not asked for"; the value's against the
-            limit where empty.
+        scale: value of a violation of 1, for groups whose values are violations; else None.
+        verdict: "holds", "violated", "not checked" or "not asked for"; if empty, value and limit
+            are compared.
         figures: further measurements, for people and files.
     Source:
         E1-E11; W2-W7.

@@ -59,7 +59,7 @@ class Trajectory(Motion):
         still: whether it has to be at rest at the start, and at the end.
         suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for
             no bound.
-        provenance: what made it, names to texts or numbers.
+        provenance: origin, names to texts or numbers.
 
     Raises:
         InvalidInput: for values that are no arrays of numbers.
