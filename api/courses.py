@@ -92,7 +92,7 @@ def plan(
         method: a value with its settings: ``TwoStage(...)`` relaxes and projects, ``Exact()`` finds
             the best plan of a short course, ``Micp(...)``, ``Nlp()``, ``Decoupled()`` (a baseline
             that fails on ice). Or text: "two-stage", ..., a name that a package registered under
-            ``stancekit.planners``, "FILE.py:NAME". Or a planner that was made before.
+            ``stancekit.planners``, "FILE.py:NAME". Or a planner.
         start, goal: places over a terrain where the centre of mass starts and ends, shape
             (2,) [m]; frames, gait and candidates are laid out between them.
         frames: number of key frames M, in place of the course's own.
@@ -119,10 +119,10 @@ def plan(
         bound on the objective of any plan. Of a leap, one with a ``LeapPlan``. Over a
         terrain with a gap that key frames do not cross, of a robot whose legs have limits
         of torque and speed, one with a ``Crossing``: key frames up to the gap, a leap, and
-        key frames on from it; its ``refusal`` is what key frames alone came to.
+        key frames on from it; its ``refusal`` says why key frames alone do not suffice.
 
     Raises:
-        InvalidInput: for a course or a robot that is none, an unknown method, or envelopes that are
+        InvalidInput: for an unusable course or robot, an unknown method, or envelopes that are
             missing or have no use.
     Source:
         Lin et al. §IV-B, E11, E1-E10 in every stance.

@@ -184,7 +184,7 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
     """
     if given is None:
         if error is not None:
-            raise InvalidInput(f"screen_error: expected a screen with it, got {error:g} alone")
+            raise InvalidInput("screen_error: expected a screen with it, got none")
         return None, None
     try:
         from stancekit.learners.surrogates.surrogate import surrogate_of
@@ -214,10 +214,10 @@ def export_scenes(
         family: FAMILY:LEVEL as in "stairs:0.6".
         folder: a new or empty folder.
         seed: seed of the first scene; the others follow.
-        progress: called with scenes written, and all.
+        progress: called with the numbers of scenes written and of all.
 
     Returns:
-        The status of each.
+        The status of each scene.
     """
     from stancekit.learners.data import leap_tries
     from stancekit.planners.plugins import split_name

@@ -61,13 +61,12 @@ def load(path: str | Path) -> Any: ...
 def load(path: str | Path, kind: type[Kind]) -> Kind: ...
 @checked
 def load(path: str | Path, kind: type[Any] = object) -> Any:
-    """Read any of Stancekit's files, by what the file says that it is.
+    """Read any of Stancekit's files; its format is read from the file.
 
     Arguments:
         path: a file, or the folder of a data set; or the name of a course that ``plan`` takes
             ("walls", "stairs:0.5:7"), where there is no such file.
-        kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type
-            checkers then know it.
+        kind: expected type, e.g. ``stancekit.Plan``, known to type checkers, too; by default any.
 
     Returns:
         Problem, or a list of them where the file holds JSON lines or an array

@@ -47,16 +47,15 @@ def simulate(
     settings: RunSettings = RunSettings(check_limits=False),
     progress: Progress | None = None,
 ) -> RunReport:
-    """Execute a plan or a walk in a simulated world, at the pace asked for, and compare it with
-    what was planned.
+    """Execute a plan or a walk in a simulated world at the pace of ``settings``, and compare
+    planned with measured.
 
     Arguments:
         motion: a plan of key frames, a walk, a leap, a crossing, or the file of one.
         world: "mujoco", "bullet", "FILE.py:NAME", or a simulated world that was made before.
-        setup: a file that says how the ground yields, stiffness and damping of contacts.
-        settings: how it is run; its limits are not checked unless ``check_limits`` says so, to see
-            what comes of it.
-        progress: called with key frames done, and all.
+        setup: a file with stiffness and damping of the contacts.
+        settings: settings of the run; limits are checked only with ``check_limits``.
+        progress: called with the numbers of key frames done and of all.
 
     Returns:
         A ``RunReport``; ``execution`` is planned against measured, None where the motion never
@@ -115,7 +114,7 @@ def run(
             is off its plan. A trained selector's file or name, "lift" for the planner without one,
             or a function of an observation.
         log: a file .mcap for everything that was sent and measured.
-        progress: called with key frames done, and all.
+        progress: called with the numbers of key frames done and of all.
 
     Returns:
         A ``RunReport``, or a ``LoopReport`` of a policy: ``succeeded``, and ``message`` where not.

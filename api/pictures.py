@@ -221,7 +221,7 @@ def _check_executed(
 def view_of(
     motion: Plan | LeapPlan | Crossing | Trajectory, executed: Execution | None = None
 ) -> View:
-    """A motion, or its execution, as something to look at."""
+    """View of a motion, or of its execution."""
     match motion:
         case Plan():
             return PlanView(motion, execution=executed)

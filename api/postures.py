@@ -35,8 +35,8 @@ def robot(source: str | Path, *, srdf: str | Path | None = None) -> Robot:
         about it is in ``model.remarks``; the default hexapod is its limbs alone.
 
     Raises:
-        InvalidInput: for a name that no robot has, a file that is none, and a leg whose foot
-            reaches nothing.
+        InvalidInput: for an unknown name, a file of another kind, and a leg whose foot reaches
+            nothing.
     Source:
         None: a URDF as it comes, with what a person corrects.
 
@@ -96,8 +96,7 @@ def solve(
         return planner_of(method, of=of, time_limit_s=time_limit_s).solve(problem)
     if time_limit_s is not None:
         raise InvalidInput(
-            "time_limit_s: expected none for a planner that was made before, which has no use for "
-            f"it, got {time_limit_s!r}"
+            f"time_limit_s: expected none for a planner, which has its own, got {time_limit_s!r}"
         )
     return through_verifier(method, of).solve(problem)
 

@@ -67,8 +67,8 @@ def walk(
     Arguments:
         terrain: a ``HeightField``, a ``Terrain``, a name ("ripple", "cone", "hill", "pit", ...), a
             family's ground as "rough:0.5:7" (family, level, seed), a file of heights, or a function
-            of x and y as "FILE.py:NAME". Or a ``Walk``, which says all of it: then nothing goes
-            beside it but chart, limits and settings of the solves.
+            of x and y as "FILE.py:NAME". Or a whole ``Walk``, beside which only chart, limits and
+            settings of the solves may be given.
         goal, start: places where the torso ends and starts, shape (2,) [m].
         robot: "anymal", "hexapod", another name, a .urdf file, a .yaml file that names one or has a
             walker's numbers, a ``Robot`` with legs of its own, or what ``load`` gives of such a
@@ -80,24 +80,23 @@ def walk(
             "FILE.py:NAME"); "portfolio" tries one after another until the verifier accepts.
         time_limit_s: processor time of solves and of verdicts between them; the best walk until
             then is the answer [s].
-        task: further fields of ``Walk``: start_yaw_rad, end_yaw_rad (which way it faces at the
-            start, from x towards y, and at the end; it turns the shorter way [rad]),
-            friction (Coulomb's ν of the ground, 0.75), adhesive (names of feet that stick: they may
-            pull), suction_n (with how much; twice the weight where it is missing [N]), cycle_s (of
-            the gait; its own where it is missing [s]), timings. Beside them total_iterations, a
-            limit of the solvers' iterations: with a ``time_limit_s`` that is never met, 1e6, the
-            walk is the same on a busy computer; max_iterations of one solve (80 in a portfolio, 200
-            in one chart), dynamics ("centred", "printed" as in the paper, "newton-euler"), hessian
-            ("exact", "lbfgs"), footing (the steepest ground within 15 mm of where a foot stands, as
-            a share of the slope on which friction holds; 0 for no such limit; .6 where the ground
-            on the way has such places and this is missing), raw (True takes the first feasible
-            point as it is), seeds (how many initial guesses of each chart to try, the smoothest
-            accepted walk is kept) and seed (of the perturbed ones).
+        task: further fields of ``Walk``: start_yaw_rad, end_yaw_rad (headings at start and end,
+            from x towards y; it turns the shorter way [rad]), friction (Coulomb's ν of the ground,
+            0.75), adhesive (names of feet that stick: they may pull), suction_n (largest pull, by
+            default twice the weight [N]), cycle_s (duration of the gait's cycle, by default its own
+            [s]), timings. Beside them total_iterations, a limit of the solvers' iterations: with a
+            ``time_limit_s`` that is never met, 1e6, the walk is the same on a busy computer;
+            max_iterations of one solve (80 in a portfolio, 200 in one chart), dynamics ("centred",
+            "printed" as in the paper, "newton-euler"), hessian ("exact", "lbfgs"), footing (the
+            steepest ground within 15 mm of where a foot stands, as a share of the slope on which
+            friction holds; 0 for no limit; by default 0.6 where the way has such places), raw (True
+            takes the first feasible point as it is), seeds (how many initial guesses of each chart
+            to try, the smoothest accepted walk is kept) and seed (of the perturbed ones).
 
     Returns:
         An ``Answer``: feasible with the walk that the verifier accepted, its ``solution``; else
         undecided, with the best walk that there is so far, if any. ``problem`` is the ``Walk``,
-        ``message`` says in one line what came of it.
+        ``message`` says the result in one line.
 
     Raises:
         TypeError: for a terrain without a goal.
@@ -193,7 +192,7 @@ def walked(
     checkpoint: Checkpoint | None = None,
     signals: tuple[signal.Signals, ...] = (signal.SIGINT,),
 ) -> Attempts:
-    """The walk that was asked for.
+    """The requested walk.
 
     Raises KeyboardInterrupt at the next iteration after one of the signals.
     """

@@ -237,7 +237,7 @@ def _course_lines(answer: Answer[Plan], plan: Plan) -> Iterator[str]:
         )
         yield f"carries up to {force_n:.3g} N and {moment_nm:.3g} Nm on the body beside its weight"
     if layout := plan.provenance.get("layout"):
-        yield f"laid out in another way than asked for, over which no plan was accepted: {layout}"
+        yield f"laid out differently, since no plan was accepted as asked: {layout}"
     goal_mm = 1e3 * report.figures["goal_m"]
     yield f"verifier: {report.message}; the last key frame is {goal_mm:.0f} mm from the goal"
     yield from _bent_lines(answer.details)
@@ -458,8 +458,9 @@ class PlanCourse:
     how much of the friction is needed."""
     wrench: OptionalWrench = None
     """Force on the body beside its weight at every key frame [N], and moment about the centre of
-    mass [Nm], in world axes: a payload, wind, a rope. The plan carries it, and a course that nobody
-    can climb with it is infeasible."""
+    mass [Nm], in world axes: a payload, wind, a rope. The plan carries it; a course that cannot be
+    climbed with it is infeasible.
+    """
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(
         default_factory=Between
     )

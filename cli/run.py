@@ -281,8 +281,8 @@ class RunMotion:
     """Move something real. Simulations and logs need no arming."""
     try_estop: bool = False
     """Press the e-stop, of the set-up file or the stop topic, and release it before the robot is
-    armed. Without it the robot is armed where the e-stop was heard, or somebody publishes its
-    topic."""
+    armed. Without it the robot is armed once the e-stop was heard, or its topic has a publisher.
+    """
     without_estop: bool = False
     """Arm although nobody hears the e-stop; the log says so."""
     ending: Literal["hold", "home", "torque-off"] = "hold"

@@ -61,6 +61,16 @@ def moving_picture(film: Path, picture: Path) -> None:
     )
 
 
+def smaller(film: Path, path: Path) -> None:
+    """Write a film 960 pixels wide and compressed for the repository. Raises CalledProcessError."""
+    from imageio_ffmpeg import get_ffmpeg_exe
+
+    options = ("-vf", "scale=960:-2", "-c:v", "libx264", "-crf", "31", "-preset", "slow", "-an")
+    subprocess.run(
+        [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-i", film, *options, path], check=True
+    )
+
+
 def main(wanted: list[str]) -> int:
     """Make what these headings show, or all; what every section needs stands before the first of
     them.
@@ -84,6 +94,8 @@ def main(wanted: list[str]) -> int:
     for path in sorted(WORK.iterdir()):
         if path.name == FIRST:
             moving_picture(path, HERE / "images" / f"{path.stem}.webp")
+        elif path.suffix == ".mp4":
+            smaller(path, FOLDER / path.name)
         elif path.suffix in KEPT:
             shutil.copy(path, FOLDER)
     return 0

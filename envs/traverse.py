@@ -266,10 +266,9 @@ def _offered_planners(envelopes: Sequence[_Boxes] | None, programs: Programs) ->
 
 
 def _check_selectors(planners: Sequence[Planner], source: _CourseSource) -> None:
-    """Raise InvalidInput for a selector that no course has a stance for: it would be asked for
-    nothing.
+    """Raise InvalidInput for a selector that no course has a stance for: it would never be used.
 
-    Of a function, nobody knows before it draws.
+    For a function this is unknown until it draws.
     """
     if not isinstance(source, Perturbed):
         return

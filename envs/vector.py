@@ -329,7 +329,7 @@ class _Worker:
         self._start(partial(pickle.loads, state))
 
     def begin(self, method: str, argument: Any) -> None:
-        """Ask for it."""
+        """Send the call of a method; ``end`` reads its answer."""
         with suppress(BrokenPipeError):  # ``end`` tells
             self._pipe.send((method, argument))
 

@@ -74,13 +74,13 @@ class UnknownArgument(InvalidInput, TypeError):
 
 
 class NoPlace(InvalidInput):
-    """A robot has nothing to stand on where it is wanted: a question that was valid, whose answer
-    says so.
+    """The robot finds no foothold at its start or goal: the question is valid, and this is its
+    answer.
     """
 
 
 class PlanningFailed(StancekitError):
-    """A plan was asked for and none was found; the message says why.
+    """No plan was found; the message says why.
 
     Arguments:
         args: the message, or a function that words it, for whoever asks.

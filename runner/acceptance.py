@@ -84,9 +84,7 @@ def cores() -> int:
 
 
 def load() -> float:
-    """Processes that wanted a processor in the last minute, for each that there is; NaN where
-    nobody says.
-    """
+    """Processes that wanted a processor in the last minute, for each that there is; NaN if unknown."""
     return os.getloadavg()[0] / cores() if hasattr(os, "getloadavg") else float("nan")
 
 

@@ -45,7 +45,7 @@ class Execution:
     """Record of how a motion was followed; P footholds, J joints.
 
     Arguments:
-        succeeded: by ``Tolerance``.
+        succeeded: True within ``Tolerance``.
         message: why not.
         fallen_s: when it fell, None if it did not.
         com_final_m: distance of the final centre of mass from the plan's.
@@ -62,7 +62,7 @@ class Execution:
         error_m: worst of the inverse kinematics.
         shift_m: largest distance of the centre of mass from the body's origin.
         bump_s: how long anything but feet was touched.
-        seconds: of the world's time.
+        seconds: duration in the world's time.
         wall_s: what that took.
     """
 

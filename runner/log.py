@@ -239,8 +239,8 @@ class McapLog(Log):
     log: the second is refused at its first message.
 
     Arguments:
-        clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter,
-            order is the file's.
+        clock: clock of the messages, in nanoseconds since 1970; it may be set back, order is the
+            file's.
     """
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
@@ -406,7 +406,7 @@ def read_log(path: str | Path) -> Recorded:
         elif isinstance(record, Channel):
             topics[record.id] = record.topic
         elif isinstance(record, Chunk):
-            raise InvalidInput(f"{path}: expected a log as it was written, without chunks")
+            raise InvalidInput(f"{path}: expected a log without chunks, as it was written")
         elif isinstance(record, Raw) and topics.get(record.channel_id) in TOPICS:
             topic, where = topics[record.channel_id], f"{path}: {topics[record.channel_id]}"
             content = parse_json(decoded(record.data, where), where)

@@ -29,7 +29,7 @@ class RunReport:
         message: why not.
         ended: how the robot was left.
         counted: what frames and frames_done, so many of all, count.
-        seconds: of the motion [s].
+        seconds: duration of the motion [s].
         pace: of that asked for; bound_by: what slowed it down.
         sent, clipped, refused: commands, see ``SafeWorld``.
         joint_worst_rad, joint_rms_rad: measured against planned angles, NaN where the motion never
@@ -37,7 +37,7 @@ class RunReport:
         body_measured: whether the body's pose was measured; body_from: the source of where
             it is.
         cycle_s: median and 99th percentile of the control period, from one command to the next [s].
-        wall_s: by the clock [s].
+        wall_s: wall-clock time [s].
         execution: planned against measured, where body and forces are measured; what ``film``
             shows.
         odometry_m: where the world did not tell it, how far the body was from the plan at most by
@@ -47,13 +47,13 @@ class RunReport:
         motion never began.
         friction: what feet felt of it, as a share of what was planned with, None where body or
             forces are not measured.
-        loop_share: of their stiffness, that joint loops were found to have, 1 where nobody knows.
+        loop_share: share of their stiffness that the joint loops showed, 1 if unknown.
         stopped_s: when the latch was tripped, on the monotonic clock that all processes of a
             machine share, None where it was not; after: commands on their way at that moment, or
             by which a leap of a simulation landed, whose write returned up to after_s later.
-        load: processes that wanted a processor in the last minute, for each that there is; NaN
-            where nobody says.
-        lacks: what the world cannot do as the robot has it, empty where it says nothing.
+        load: processes that wanted a processor in the last minute, for each that there is; NaN if
+            unknown.
+        lacks: properties of the robot that the world lacks, empty if it reports none.
     Source:
         None: planned against measured.
 

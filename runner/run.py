@@ -53,8 +53,8 @@ class Runner:
 
     Arguments:
         dry: send nothing to anything real.
-        sources: of stops, beside those of the settings and whoever trips the world's latch.
-        log: of everything.
+        sources: sources of stops, beside those of the settings and the world's latch.
+        log: log of the run.
         progress: called with (key frames done, all).
         monitor: entered already; it acts where this process cannot.
     """
@@ -123,13 +123,13 @@ class Runner:
         motion: Callable[[], str],
         terrain: Terrain | None = None,
     ) -> tuple[Ended, str]:
-        """Arm, go to the first pose, do what ``motion`` does, and leave the robot as it should be,
+        """Arm, go to the first pose, perform ``motion``, and bring the robot to its ending,
         whatever happens.
 
         Arguments:
-            motion: returns what is wrong at its end, empty where nothing is. Returns how the robot
-                was left, and what went wrong. Raises what is no stop and no fault of the hardware,
-                after the robot was left.
+            motion: returns what is wrong at its end, else empty. Returns the robot's ending, and
+                what went wrong. Errors that are neither stops nor hardware faults are raised after
+                the ending.
         """
         self._prepared, message = prepared, ""
         with on_signals(self.latch), self.world, watched(self.latch):
@@ -283,7 +283,7 @@ class Runner:
         return wrench
 
     def send(self, targets: Array, planned: Array, lean: Array | None = None) -> State:
-        """One command, logged.
+        """Send one command and log it.
 
         Arguments:
             lean: as of ``SafeWorld.step``.

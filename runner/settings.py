@@ -23,19 +23,19 @@ class RunSettings:
     """Settings of running a plan, or a gait.
 
     Arguments:
-        timing: of a plan's phases.
+        timing: durations of a plan's phases.
         feedback: what the feet do with the forces that they feel.
         body: what they do about a body that is measured and not where it should be.
         limits: what is let through to the world.
         tolerance: when it is stopped, and when it is a success.
-        speed_rad_s: of the soft start, and of the path home [rad/s].
+        speed_rad_s: speed of the soft start and of the way home [rad/s].
         ending: the state to leave the robot in.
         hung: the robot hangs in a stand, level and off the ground: its feet carry nothing and meet
             nothing; for what is real only.
         forces: press with a plan's forces "shared" anew among the limbs of every stance, with a
             reserve of friction, or as "planned".
         check_limits: a plan is slowed down to what its joints can do, and refused where no pace
-            helps; False, for simulations only, to see what comes of it.
+            helps; False, for simulations only, to see what happens without.
         least_push: a plan for a robot's own legs is refused where a stance bears no push of this
             share of the weight; 0 to run it all the same.
         blind: send what a robot that measures its joints alone is sent, and use nothing else that

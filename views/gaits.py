@@ -108,7 +108,7 @@ _WEIGHT_ARROW = 1.1
 
 @dataclass(frozen=True, eq=False)
 class GaitView(View):
-    """A trajectory as something to look at.
+    """View of a trajectory.
 
     Arguments:
         warp: the map whose lines are drawn on the terrain, None for x and y.
@@ -152,7 +152,7 @@ class GaitView(View):
             np.isfinite(getattr(self.trajectory, n)).all() for n in samples
         ):
             raise InvalidInput(
-                "trajectory: expected two or more samples of finite numbers, got others"
+                "trajectory: expected two or more samples of finite numbers, got fewer or other values"
             )
 
     @property
@@ -318,7 +318,7 @@ class GaitView(View):
         return [angles[0] for angles in legs]
 
     def guess(self, now: Samples) -> list[Array]:
-        """Hip, knee and toe of every leg; where knees bend is a guess, for the eye."""
+        """Hip, knee and toe of every leg; the knees' places are guessed, for the picture alone."""
         return self._bent(now.com_m, rotation_of(now.rotation_rad), now.toes_m)
 
     def _bent(self, torso: Array, turn: Array, toes_m: Array) -> list[Array]:

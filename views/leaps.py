@@ -56,12 +56,11 @@ _JUDGED = "the motion that joints and bodies are judged by"
 
 @dataclass(frozen=True, eq=False)
 class LeapView(View):
-    """A leap, or a crossing, as something to look at, with the viewpoint and the colours of its
-    pictures.
+    """View of a leap or a crossing, with viewpoint and colours.
 
     Arguments:
         subject: the leap, or the crossing.
-        execution: how a world had it, in place of the motion that is planned.
+        execution: measured motion in a world, in place of the planned one.
     """
 
     subject: LeapPlan | Crossing
@@ -169,8 +168,8 @@ class LeapView(View):
 
     @cached_property
     def metres_a_newton(self) -> float:
-        """Length of the arrow of a force: the largest one that is planned is so much of the robot's
-        size.
+        """Length of a force's arrow per newton, so that the largest planned force is drawn as a
+        fixed share of the robot's size.
         """
         largest = float(np.linalg.norm(self.rows.forces_n, axis=2).max())
         return LONGEST * self.shape.size_m / max(largest, 1e-9)

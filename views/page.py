@@ -54,7 +54,7 @@ GOAL, REAL = "#e8a317", "#c2410c"
 
 
 class View(ABC):
-    """A motion as something to look at: a picture, a page or a film.
+    """View of a motion: a picture, a page or a film.
 
     Joints are where the motion has them. Where it knows none they are found by inverse kinematics,
     and those of limbs without a file are a guess, for the eye.
@@ -268,7 +268,7 @@ def _titled(text: str, motion: Animation) -> str:
 def viser_server(
     host: str = "127.0.0.1", port: int = 8080, making: AbstractContextManager[None] | None = None
 ) -> Iterator[Any]:
-    """A viser server, which says nothing; to record a scene nobody has to connect to it.
+    """A silent viser server; a scene is recorded without a client.
 
     Arguments:
         port: 0 takes a free one; one that is taken, the next.

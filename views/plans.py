@@ -59,7 +59,7 @@ in addition, and how much faster than the world an execution plays."""
 
 @dataclass(frozen=True, eq=False)
 class PlanView(View):
-    """A plan as something to look at, with the viewpoint and the colours of its pictures.
+    """View of a plan, with viewpoint and colours.
 
     Arguments:
         plan: the plan.
@@ -234,8 +234,8 @@ class PlanView(View):
         return self.moving(now, cone_m=cone_m) + Scene(paths=self.support(now))
 
     def moving(self, now: Samples, *, cone_m: float | None = None) -> Scene:
-        """The robot at a time, the forces of feet that stand, in cones as high as the normal force or
-        so, and the patches under them in full colour; of the others ``fixed`` has the outlines.
+        """The robot at a time, the forces of standing feet in their friction cones, and the patches
+        under them in full colour; ``fixed`` has the outlines of the others.
         """
         under = np.unique(now.foothold[now.stands]).tolist()
         bodies = [*self.bodies(now), *(self._windows[p] for p in under)]

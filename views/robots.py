@@ -149,7 +149,7 @@ class RobotShape:
         return Scene(bodies=bodies, paths=paths, labels=labels)
 
     def force(self, limb: str, foot_m: Array, vector_m: Array, *, prefix: str = "") -> Arrow:
-        """The arrow of a contact force at a foot, as long as drawn."""
+        """The arrow of a contact force at a foot, at the picture's scale."""
         return Arrow(
             name=f"{prefix}{limb}",
             start_m=foot_m,

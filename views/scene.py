@@ -293,7 +293,7 @@ class Animation:
 
     def window(self, aspect: float) -> tuple[Array, Array]:
         """Corners of what is seen on the picture plane, shape (2,) [m]: the robot at all times, and
-        terrain around; all of the terrain where there is nobody.
+        terrain around; all of the terrain without a robot.
 
         Arguments:
             aspect: width over height.

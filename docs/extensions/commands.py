@@ -6,6 +6,7 @@ import io
 import os
 import re
 from contextlib import redirect_stdout
+from textwrap import fill
 
 from stancekit.cli.main import COMMANDS, main
 
@@ -38,24 +39,45 @@ def said(*arguments: str) -> str:
     return re.sub(r"\s*\(default:\s*(?:None|False)?\)", "", text)
 
 
-GROUP = re.compile(r"^ [^\n]+\n -{20,} *\n(?:(?! [^\n]+\n -{20,})[^\n]*\n)*", re.MULTILINE)
+GROUP = re.compile(
+    r"^( [^\n]+\n -{20,} *\n(?:  [^\n]+\n  -{20,} *\n)?)((?:(?! [^\n]+\n -{20,})[^\n]*\n)*)",
+    re.MULTILINE,
+)
 """A group of options in what ``--help`` says: its name, a rule, and lines up to the next one."""
+ENTRY = re.compile(r"^  (?=\S)", re.MULTILINE)
+LONG = 9
+"""An option of so many words is not said twice."""
+FURTHER = re.compile(r"\n\n {17}\S.*(?:\n {17}.*)*")
+"""What a list of subcommands says of each beyond its first paragraph: their own sections have it."""
 
 
 def once(help_text: str, command: str, first: dict[str, str]) -> str:
-    """What a command's ``--help`` says, without groups of options that another one had already:
-    ``first`` has the command that did, by the group's words.
+    """What a command's ``--help`` says, without the options that another one has in the same
+    words: ``first`` has the command that did, by the option's words.
     """
 
     def group(found: re.Match[str]) -> str:
-        words = " ".join(found[0].split())
-        owner = first.setdefault(words, command)
-        if owner == command:
-            return found[0]
-        name = found[0].partition("\n")[0].rstrip()
-        return f"{name}: those of stancekit {owner}\n\n"
+        kept, elsewhere = "", dict[str, list[str]]()
+        entries = [each for each in ENTRY.split(found[2]) if each.strip()]
+        for entry in entries:
+            words = entry.split()
+            owner = first.setdefault(" ".join(words), command)
+            if owner == command or len(words) < LONG:
+                kept += f"  {entry.rstrip()}\n"
+            else:
+                elsewhere.setdefault(owner, []).append(words[0])
+        pointers = [
+            f"{', '.join(names)}: see stancekit {owner}" for owner, names in elsewhere.items()
+        ]
+        title = found[1].partition("\n")[0].strip()
+        head = found[1] if kept else f" {title}\n"
+        below = "".join(
+            fill(each, WIDTH, initial_indent="  ", subsequent_indent="    ") + "\n"
+            for each in pointers
+        )
+        return head + kept + below + "\n"
 
-    return GROUP.sub(group, help_text + "\n").rstrip()
+    return GROUP.sub(group, FURTHER.sub("", help_text) + "\n").rstrip()
 
 
 def page() -> str:
@@ -64,7 +86,8 @@ def page() -> str:
     lines = [
         "# The command",
         "",
-        "What `stancekit --help` and `stancekit COMMAND --help` print, but for defaults that are none.",
+        "What `stancekit --help` and `stancekit COMMAND --help` print, but for defaults that are none. What two",
+        "commands say in the same words stands once.",
         "",
         "| exit code | of every command |",
         "|---|---|",

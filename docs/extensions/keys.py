@@ -229,7 +229,8 @@ def kind_of(schema: dict[str, Any]) -> str:
         return f"[{name.strip('_')}](#{anchor(name)})"
     for several in ("anyOf", "oneOf"):
         if several in schema:
-            return " or ".join(dict.fromkeys(kind_of(one) for one in schema[several]))
+            kinds = dict.fromkeys(kind_of(one) for one in schema[several])
+            return " or ".join(kind for kind in kinds if kind != "null")
     if "const" in schema:
         return f"`{schema['const']}`"
     if "enum" in schema:
@@ -314,7 +315,8 @@ def page() -> str:
         "# Keys of files",
         "",
         "Every key that a file may have, from the models that read it. A reader refuses unknown and missing keys, and",
-        "names every one that is wrong. Bold keys have to be there; numbers are SI, in the units that names end in.",
+        "names every one that is wrong. Bold keys have to be there; the others may be left out, or null where they have",
+        "no default. Numbers are SI, in the units that names end in.",
         "",
     ]
     seen: set[str] = set()
@@ -331,27 +333,31 @@ def _table(name: str, schema: dict[str, Any], written: dict[str, dict[str, str]]
     keys, required = schema.get("properties", {}), set(schema.get("required", ()))
     says = meanings(name, schema, written)
     brief = (schema.get("description") or "").split("\n\n")[0].replace("\n", " ")
-    brief = re.sub(r"``([^`]*)``", r"`\1`", brief.split(". ")[0].rstrip(".").split(" limbs:")[0])
+    brief = re.split(r"(?<!\bal)(?<!\bFig)\. ", brief)[0].rstrip(".").split(" limbs:")[0]
+    brief = re.sub(r"``([^`]*)``", r"`\1`", brief)
     lines = [f"({anchor(name)})=", f"### {name.strip('_')}", "", f"{brief}.", ""]
-    lines += ["| key | type | default | meaning |", "|---|---|---|---|"]
+    rows: dict[tuple[str, str, str], list[str]] = {}
     for key, value in keys.items():
         default = "" if key in required else _default(value)
         shown = f"**`{key}`**" if key in required else f"`{key}`"
         text = re.sub(r"``([^`]*)``", r"`\1`", says.get(key, "")).replace("|", "\\|")
-        lines.append(f"| {shown} | {kind_of(value)} | {default} | {text} |")
+        text = re.sub(r"\bNone\b", "null", text)
+        kind = kind_of(value)
+        rows.setdefault((kind, default, text), []).append(shown)
+    some = any(default for _, default, _ in rows)
+    lines += ["| key | type | default | meaning |" if some else "| key | type | meaning |"]
+    lines += ["|---|---|---|---|" if some else "|---|---|---|"]
+    for (kind, default, text), names in rows.items():
+        cells = [", ".join(names), kind, *([default] if some else []), text]
+        lines.append(f"| {' | '.join(cells)} |")
     return [*lines, ""]
 
 
 def _default(schema: dict[str, Any]) -> str:
-    if "default" not in schema:
-        return "its own defaults"
-    value = schema["default"]
-    if value is None:
-        return "none"
-    if isinstance(value, dict):
-        return "its own defaults" if value else "none"
-    if value in ("", []):
-        return "none"
+    """A default that is a number, a text or a list of some."""
+    value = schema.get("default")
+    if value in (None, "", []) or isinstance(value, dict):
+        return ""
     return f"`{json.dumps(value, ensure_ascii=False)}`"
 
 

@@ -254,7 +254,7 @@ class LeapTries:
         if other:
             where = self.ledger.folder / shard_name(shard)
             raise InvalidInput(
-                f"{where}: {other[0]}: expected the same in all rows of a scene, got others"
+                f"{where}: {other[0]}: expected the same in all rows of a scene, got other values"
             )
         return table
 
@@ -269,7 +269,7 @@ class LeapTries:
         ):
             where = self.ledger.folder / shard_name(shard)
             scenes = f"expected rows of scenes {wanted[0]} to {wanted[-1]} in their order"
-            raise InvalidInput(f"{where}: scene: {scenes}, got others")
+            raise InvalidInput(f"{where}: scene: {scenes}, got other values")
         return table
 
     def _leap(self, shard: int, scene: int, row: Mapping[str, Any]) -> Leap:

@@ -458,7 +458,7 @@ def _read_tally(path: Path, header: Head) -> Tally:
         )
     if rows != tally.rows.total or not schema.remove_metadata().equals(header.columns()):
         raise InvalidInput(
-            f"{path}: expected {tally.rows.total} rows of the columns of {_SHARD_FORMAT}, got others"
+            f"{path}: expected {tally.rows.total} rows of the columns of {_SHARD_FORMAT}, got other rows"
         )
     return tally
 

@@ -75,7 +75,7 @@ def gather(
 ) -> list[Answer]:
     """All answers in the order of the tasks.
 
-    ``told`` is given how many are there, and how many there will be.
+    ``told`` is called with the number done and the number in all.
     """
     answers: dict[int, Answer] = {}
     for number, answer in run([partial(_numbered, k, task) for k, task in enumerate(tasks)]):
@@ -125,7 +125,7 @@ def _in_worker(parent: int, number: int, task: Task[Answer]) -> tuple[int, Answe
 
 @cache
 def _end_with(parent: int) -> None:
-    """End this process when its parent is gone: nobody would read its answers, and it would wait
+    """End this process when its parent is gone: its answers would not be read, and it would wait
     forever.
     """
 
@@ -329,7 +329,7 @@ def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None 
     Arguments:
         kind: "processes" or "ray".
         workers: number of processes; of no use to a cluster.
-        address: of the cluster, "auto" where it is None.
+        address: address of the cluster, "auto" where it is None.
 
     Raises:
         InvalidInput: for another name, and for an address that processes have no use for.

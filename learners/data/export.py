@@ -41,8 +41,8 @@ class Exported:
     Arguments:
         root: the folder to give to Minari as MINARI_DATASETS_PATH.
         dataset_id: the name to load it by.
-        episodes: how many there are.
-        mean_reward: of the expert.
+        episodes: number of episodes.
+        mean_reward: mean reward of the expert.
         agreement: share of the episodes in which P1 over the expert's box says what the label says.
     Source:
         None: Minari's format.

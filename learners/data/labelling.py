@@ -183,10 +183,10 @@ def rows_of(
     which FOLDER:PART names, too.
 
     Arguments:
-        robot, terrain: whose they have to be, where given.
+        robot, terrain: robot and terrain that the rows have to be of, if given.
 
     Raises:
-        InvalidInput: for what is no data set, and for another's.
+        InvalidInput: for a folder that is no data set, and for rows of another robot or terrain.
     """
     if not isinstance(source, Dataset):
         folder, part = ledger.folder_and_part(source, part)
@@ -277,7 +277,7 @@ class RecheckReport:
             try of the scene speaks against.
         worst_residual: largest violation by a witness, non-dimensional; NaN without any.
         smallest_bound: least that the certificates of rows that are not trivial prove, likewise.
-        seconds: that it took [s].
+        seconds: time taken [s].
     Source:
         E1-E11.
 

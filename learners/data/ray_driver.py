@@ -125,7 +125,7 @@ def reason(error: Exception) -> str:
 def work(ray: Any, pipe: Connection, expected: dict[str, str]) -> None:
     """Run what comes by the pipe, one processor a task.
 
-    Raises Gone, and EOFError once nobody listens.
+    Raises Gone, and EOFError once the pipe is closed.
     """
     remote = ray.remote(num_cpus=1, max_retries=DEATHS)(call(expected))
     pipe.send(("joined",))

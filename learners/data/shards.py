@@ -121,7 +121,7 @@ class Screen:
 
     @classmethod
     def of(cls, surrogate: Surrogate, error: float) -> Screen:
-        """Screen at this error."""
+        """The screen of ``surrogate`` at this error."""
         return cls(surrogate=surrogate, error=error, limits=surrogate.thresholds(error))
 
     def called(self, batch: PostureBatch) -> list[str]:

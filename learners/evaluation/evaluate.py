@@ -346,10 +346,8 @@ class Experiment:
     The seeds of ``train``, ``calibration`` and ``test`` differ.
 
     Arguments:
-        robot, terrain: files that the problems are of, where not the default hexapod and no
-            terrain's.
-        calibration: rows that methods may calibrate on; without it they keep a part of ``train``
-            for that.
+        robot, terrain: files of the robot and the terrain; by default the hexapod, and none.
+        calibration: rows to calibrate on; without it methods keep a part of ``train`` for that.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")

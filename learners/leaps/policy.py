@@ -346,7 +346,7 @@ def fit_scorer(
     solved = float(rows.solved.sum())
     if not 0.0 < solved < float(rows.there.sum()):
         raise InvalidInput(
-            f"data set: expected tries that are solved and others, got {solved:.0f} of "
+            f"data set: expected solved and unsolved tries, got {solved:.0f} of "
             f"{rows.there.sum():.0f} solved"
         )
     generator = torch.Generator().manual_seed(settings.seed)

@@ -181,7 +181,7 @@ def fit_gradient(
 
     Arguments:
         share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is
-            told steps done and steps in all.
+            called with steps done and steps in all.
 
     Raises:
         InvalidInput: where the data set has too few rows of a label.
@@ -333,7 +333,7 @@ def _read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Genera
         )
     if str(arrays["digest"]) != _digest(about):
         raise InvalidInput(
-            f"{path}: expected the checkpoint of a run with these settings and data, got another's"
+            f"{path}: expected a checkpoint of these settings and data, got one of others"
         )
     try:
         rng.bit_generator.state = parse_json(str(arrays["state"]), "state")
@@ -380,20 +380,18 @@ class GeneticSettings:
     Raises InvalidInput.
 
     Arguments:
-        population, generations: individuals, and how often they are tested.
-        terrains: K, half of them feasible and half infeasible; more make the fitness less a matter
-            of luck.
+        population: number of individuals.
+        generations: number of generations.
+        terrains: K, half of them feasible and half infeasible; more make the fitness less noisy.
         delta: δ, the share of feasible problems that may be lost: smaller makes boxes wider.
-        penalty: ρ, what losing more costs: larger keeps to δ more strictly, and follows chance
-            more.
-        mutation_start, mutation_end: chance that a pair of bounds is mutated when breeding the
-            first and the last generation, falling geometrically.
+        penalty: ρ, the cost of losing more: larger keeps to δ more strictly, and fits noise more.
+        mutation_start, mutation_end: chance that a pair of bounds mutates in the first and in the
+            last generation; it falls geometrically.
         mutation_scale: its standard deviation, in units of the solutions' own in that dimension.
-        elites: best individuals that live on as they are.
-        tournament: rivals for a place as a parent; more press harder.
+        elites: best individuals that are kept unchanged.
+        tournament: rivals for a place as a parent; more select harder.
         finalists: individuals of the last generation that are tested on all problems; the best of
             them is the result.
-        seed: of everything that is left to chance.
     """
 
     population: Annotated[int, Field(ge=2)] = 40
@@ -509,7 +507,7 @@ class Trials:
 
     @property
     def counts(self) -> VerdictCounts:
-        """Counts of the ways in which all verdicts so far came about."""
+        """Number of verdicts so far by how each was reached."""
         return self._oracle.counts
 
 

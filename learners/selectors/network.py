@@ -133,7 +133,7 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
                 f"{tensor.dtype}"
             )
         if not bool(torch.isfinite(tensor).all()):
-            raise InvalidInput(f"{path}: tensor {name}: expected finite numbers, got others")
+            raise InvalidInput(f"{path}: tensor {name}: expected finite numbers, got other values")
     return header, {
         name: each.float() if each.dtype is torch.float16 else each
         for name, each in tensors.items()
@@ -251,10 +251,10 @@ class Architecture:
     """Size of a network; limited, so that a file cannot ask for all memory.
 
     Arguments:
-        width: numbers a token.
-        layers: rounds of attention.
-        heads: of each.
-        corner_width: of the patch's pooled features.
+        width: features of a token.
+        layers: layers of attention.
+        heads: heads of each layer.
+        corner_width: pooled features of a patch.
     """
 
     width: Annotated[PositiveInt, Field(le=1024)] = 96

@@ -117,22 +117,21 @@ class NeuralSettings:
     """Settings of training a neural selector.
 
     Arguments:
-        share: of the solutions that the boxes of the first stage leave out on each side.
-        epochs: of the first stage, over the feasible rows.
-        batch, rate: of AdamW.
-        margin_epochs: of the second stage, over the scarcer label; 0 leaves it out.
-        margin_batch: problems of each label a step.
-        margin_rate: of AdamW there.
+        share: share of the solutions outside the first stage's boxes, on each side.
+        epochs: epochs of the first stage, over the feasible rows.
+        batch: batch size of the first stage.
+        rate: learning rate of AdamW there.
+        margin_epochs: epochs of the second stage, over the scarcer label; 0 skips it.
+        margin_batch: problems of each label per step.
+        margin_rate: learning rate there.
         softness: τ, the margin over which P1's answer turns from wrong to right in the loss
             σ(±t/τ), non-dimensional.
-        caution: how much more a feasible problem lost counts than an infeasible one let in.
-        anchor: weight of the first stage's loss in the second, which keeps the boxes around
-            solutions and so projectable.
+        caution: weight of a feasible problem lost relative to an infeasible one let in.
+        anchor: weight of the first stage's loss in the second, which keeps solutions in the boxes.
         target: share of the feasible calibration rows that P1 must admit.
-        relaxation: which P1 has the margins: "p1", or "joint", for which a point in every box is
-            learned, too, the median of the solutions, about which the gap is linearised
-            (``relaxation.joint``).
-        calibration: share of the rows kept for that where no data set is given for it.
+        relaxation: P1 whose margins count: "p1", or "joint", which learns a point in every box,
+            too, the median of the solutions, about which the gap is linearised.
+        calibration: share of the rows kept for calibration where no data set is given for it.
     """
 
     architecture: Architecture = field(default_factory=Architecture)

@@ -398,8 +398,8 @@ def card(name: str) -> Card:
 
 
 def heuristic_envelope(problem_class: str, problems: Sequence[Problem]) -> EnvelopeSet:
-    """Bounds on p from the limbs' workspace, on f for climbing where the mean normals are level,
-    else for walking.
+    """Bounds on p from the limbs' workspace, and on f as for climbing if the mean normals are
+    level, else as for walking.
     """
     first = problems[0]
     shoulders = np.array([contact.shoulder_m for contact in first.contacts])

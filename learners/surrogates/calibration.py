@@ -164,7 +164,7 @@ class Screened:
         answers: "feasible", "infeasible" or "ask" per problem, shape (B,).
         margins: the surrogate's own estimate of how far each problem is from the border, above 0
             feasible, within ±0.1, non-dimensional: no bound holds it; shape (B,).
-        scores: by which it answers, the larger, the more feasible, shape (B,).
+        scores: scores that decide, larger for more feasible, shape (B,).
         error: of truly feasible problems of the class at most this share is called infeasible, and
             of truly infeasible ones at most this share feasible; of trivially infeasible ones only
             where the rows of the calibration had any.

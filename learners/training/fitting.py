@@ -54,14 +54,16 @@ class FitSettings:
     """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
 
     Arguments:
-        share: of the solutions that a quantile box leaves out on each side.
+        share: share of the solutions outside a quantile box, on each side.
         clusters: n of Algorithm E2.
         threshold: p_th of its line 6.
-        time_limit_s: of the printed Boundary_fit, per cluster.
-        boxes: of gradient.
-        steps, batch: of the margin descent.
-        genetic, neural: keys of ``GeneticSettings``, ``NeuralSettings``.
-        rl: of ``TrainConfig``, but for environment, problem and scenes.
+        time_limit_s: limit of its printed Boundary_fit, per cluster.
+        boxes: number of boxes that gradient learns.
+        steps: steps of the margin descent.
+        batch: rows per step.
+        genetic: keys of ``GeneticSettings``.
+        neural: keys of ``NeuralSettings``.
+        rl: keys of ``TrainConfig`` but for environment, problem and scenes.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -103,7 +105,7 @@ class FitSettings:
             if name not in (*concerns, "seed") and value != getattr(usual, name):
                 came = shown(value) if isinstance(value, int | float) else f"{len(value)} keys"
                 raise InvalidInput(
-                    f"{name}: expected none for {method}, which has no use for it, got {came}"
+                    f"{name}: expected none for {method}, which does not use it, got {came}"
                 )
 
     def check(self, method: str) -> None:

@@ -96,12 +96,13 @@ class TrainConfig:
     Steps are rounded up to whole segments, and segments to whole rollouts.
 
     Arguments:
-        problem: distribution.
-        robot, terrain: files that it is of, where not the default hexapod and no terrain's.
-        legs: of a class whose scenes are given, and which no distribution draws.
-        train, held_out: how many labelled scenes to learn from and to evaluate on, and their seeds.
-        envs: sub-environments.
-        workers: their processes (selection only).
+        problem: name of the distribution.
+        robot, terrain: files of the robot and the terrain; by default the hexapod, and none.
+        legs: limbs of a class whose scenes are given, and which no distribution draws.
+        train: labelled scenes to learn from.
+        held_out: labelled scenes to evaluate on.
+        envs: number of sub-environments.
+        workers: number of their processes (selection only).
         base, offset, spread: the envelope whose bounds the policy moves, how far it may, and the
             initial standard deviation of that, as a share of offset (selection only).
         budget: solves per episode (refinement only).

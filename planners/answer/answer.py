@@ -81,11 +81,11 @@ class Answer(Generic[S]):
     """Answer of one planner to one problem: of a posture, a course, a walk or a leap.
 
     Arguments:
-        status: of the problem itself; of a robot with legs of its own, infeasible is proved over
-            their outer sets.
+        status: status of the problem itself; of a robot with legs of its own, infeasible is proved
+            over their outer sets.
         method: the planner's name.
-        problem: that was answered, of which a certificate is a proof: of a course over the outer
-            sets of the legs where there are any. None in the answers of a batch, and of a foreign
+        problem: the problem answered, whose proof a certificate is: of a course over the outer sets
+            of the legs where there are any. None in the answers of a batch, and of a foreign
             planner that is not verified.
         solution: accepted by the verifier where ``status`` is feasible. Where the problem is
             undecided, the plan or walk that was found and that the verifier refused, or had no time
@@ -94,7 +94,7 @@ class Answer(Generic[S]):
         report: the verifier's report on what was found, accepted or not; of a plan on all of it,
             joints, torque, bodies and motion too, and None where contacts alone were asked for.
             None in the answers of a batch.
-        objective: of the solution; NaN where the problem has none.
+        objective: objective of the solution; NaN where the problem has none.
         bound: proved lower bound on the objective of any solution; of a posture problem, on its
             non-dimensional moment residual (inf where none exists, NaN where nothing was asked of
             an objective).

@@ -57,9 +57,9 @@ class Certificate(Evidence):
             problem; 6 + 3N for a posture. A leaf in which a foothold has no candidate left needs
             none. Any multipliers give a valid bound, so nothing here has to be trusted
             (``verify.check_certificate``).
-        problem: which has no answer: a posture problem, a course, a leap, or a passage, whose tree
-            and multipliers ``verify.flood`` tells of. None in a proof that
-            was read without it; ``of`` puts that right.
+        problem: the problem without an answer: a posture problem, a course, a leap, or a passage,
+            whose tree and multipliers ``verify.flood`` tells of. None in a proof that was read
+            without it; ``of`` puts that right.
     Source:
         Lagrangian bounds of Lin et al.'s P, branched where one bound does not do:
         docs/decisions/0003.
@@ -172,18 +172,18 @@ class Certificate(Evidence):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Crossing(Motion):
-    """A way over a course of which key frames alone cross only stretches: climbs, and leaps over
-    what is between them.
+    """A way over a course in several parts: climbs by key frames, and leaps over the gaps between
+    them.
 
     Nothing is checked here: ``verify`` does it.
 
     Arguments:
-        name: of the course.
+        name: name of the course.
         parts: plans of key frames and of leaps in order, the first of key frames.
-        refusal: what key frames alone came to, in words.
+        refusal: reason why key frames alone do not cross, in words.
         certificate: proof that no balanced motion leads from start to goal, with that passage as its
             problem; None where nothing is proved.
-        provenance: what made it, names to texts or numbers.
+        provenance: origin, names to texts or numbers.
     Source:
         None: Lin et al. for the climbs, Newton and Euler for the leaps.
 
@@ -213,7 +213,7 @@ class Crossing(Motion):
                 isinstance(part, Plan) and part.problem.is_posture
             ):
                 raise InvalidInput(
-                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap, got something else"
+                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap, got a {type(part).__name__}"
                 )
 
     def __repr__(self) -> str:

@@ -69,7 +69,7 @@ class Evidence:
         return {}
 
     def moment(self, when: float) -> str:
-        """A moment of one of the verifier's groups, in words."""
+        """A time of the motion, in words, for messages of the verifier."""
         if not self.MOMENT:
             return f"at {when:.3f} s"
         share, frame = math.modf(when)
@@ -77,8 +77,8 @@ class Evidence:
         return f"{word}, {share:.0%} of the way to {self.MOMENT} {frame + 1:.0f}" if share else word
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
-        """The reason why no runner executes it, whatever the world; empty where one may, and of what
-        is no way at all.
+        """The reason why no world can execute it; empty if some can, and for answers that are no
+        motion.
 
         Arguments:
             unchecked: names of the groups that could not be checked.
@@ -90,7 +90,7 @@ class Evidence:
         return {"question": self.question}
 
     def content(self) -> dict[str, Any]:
-        """All of it, as a file has it: the head, and the arrays with their labels."""
+        """The whole content of a file: the head, and the arrays with their labels."""
         return {**self.head(), "columns": {"npz": embedded(self.arrays()), **self.labels()}}
 
     @cached_property
@@ -107,7 +107,7 @@ class Motion(Evidence):
     """Base of the solutions: plans of key frames, walks, leaps and crossings.
 
     Arguments:
-        provenance: what made it, names to texts or numbers.
+        provenance: origin, names to texts or numbers.
     """
 
     WORD: ClassVar[str]

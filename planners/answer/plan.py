@@ -103,12 +103,12 @@ class MotionTable(Evidence):
         Raises InvalidInput where it is not known.
         """
         if self.quaternion is None:
-            raise InvalidInput("quaternion: expected how the body is turned, got nothing")
+            raise InvalidInput("quaternion: expected the orientation of the body, got none")
         return _rotations_from(self.quaternion)
 
     @property
     def question(self) -> dict[str, Any]:
-        """Names of joints and limbs: nobody says what was asked."""
+        """Names of joints and limbs, since a plan has no request of its own."""
         return {"joints": self.joints, "limbs": self.limbs}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -180,7 +180,7 @@ def _rotations_from(quaternions: Array) -> Array:
     return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix())
 
 
-NOBODY_CARRIES = "nobody carries between frames"
+NOBODY_CARRIES = "no limb carries between frames"
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
 """Groups of a plan that are of more of the robot than its contacts; motion is bodies between key
 frames."""
@@ -204,19 +204,19 @@ class LeapPlan(Motion):
 
     Arguments:
         problem: the leap that was answered.
-        timing: which of its timings.
+        timing: index of the chosen timing.
         choice: a candidate per foothold, shape (P,).
         toes_m: shape (P, 3) [m].
-        forces_n: of every limb in every interval, in which they are constant, shape (M, N, 3) [N].
+        forces_n: constant force of every limb in every interval, shape (M, N, 3) [N].
         com_m, velocity_m_s, momentum_m2_s, rotation_rad: c, v, L per mass and Θ at the ends of the
             intervals, which follow from the forces; shape (M + 1, 3) each.
-        legs_turn_rad: by how much legs that swing turn the body in every interval, beside L, as far
-            as that is known, shape (M, 3) [rad]; None where legs are taken to weigh nothing, as
-            those of a robot that has limbs alone are.
+        legs_turn_rad: turn of the body by swinging legs in every interval, in addition to that by
+            L, as far as known, shape (M, 3) [rad]; None for legs without mass, as of a robot with
+            limbs alone.
         gather: how legs are drawn up in flight, shape (2,): after which share of it, 0.05 to 0.49,
             and how long they are then as a share of the shorter of their lengths at both ends, 0.1
             to 1; None for (0.3, 0.8).
-        provenance: what made it, names to texts or numbers.
+        provenance: origin, names to texts or numbers.
 
     Source:
         Newton and Euler for one rigid body; docs/concepts/leaps.md.
@@ -271,7 +271,7 @@ class LeapPlan(Motion):
         return self.problem.name
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
-        """The surfaces that are taken, with this share of their friction."""
+        """The chosen surfaces, with this share of their friction."""
         feet = range(len(self.problem.footholds))
         return dulled([self.problem.patch(j, self.choice) for j in feet], friction_share)
 
@@ -284,7 +284,7 @@ class LeapPlan(Motion):
         return "its legs are not known: plan it with --robot FILE" if unchecked else ""
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are known, by name, the timing as one number."""
+        """The known arrays by name; the timing is one number."""
         known = {name: getattr(self, name) for name in leap_shapes(self.problem)}
         return {name: np.asarray(value) for name, value in known.items() if value is not None}
 
@@ -336,8 +336,8 @@ PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 
 
 def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan over a problem has, by name; nobody works out joints of a
-    posture.
+    """The shape that each array of a plan over a problem has, by name; joints of a posture are not
+    computed.
     """
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.footholds), len(course.stances)
@@ -474,7 +474,7 @@ class Plan(Motion):
         if course.uncarried:
             return NOBODY_CARRIES
         if course.has_soles and not course.robot.source.own:
-            return "its feet are soles of legs that nobody knows"
+            return "its feet are soles of unknown legs"
         return course.robot.source.hindrance
 
     def labels(self) -> dict[str, list[Any]]:
@@ -522,7 +522,8 @@ class Plan(Motion):
             problem: the posture problem.
             com_m, rotation_rad: shape (3,) each [m], [rad].
             toes_m, forces_n: shape (N, 3) each [m], [N].
-            points_m, point_forces_n: of soles, shape (N, K, 3) each [m], [N].
+            points_m, point_forces_n: points of soles and their forces, shape (N, K, 3) each [m],
+                [N].
         """
         return cls(
             problem=problem,

@@ -45,7 +45,7 @@ PLAN_GROUPS = {
 LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""
 _NOWHERE = {
-    "schedule": "nobody carries there as the schedule says",
+    "schedule": "no limb carries there as the schedule says",
     "terrain": "its foothold is no piece of the terrain",
 }
 """What it means that a group's value is infinite."""
@@ -60,21 +60,20 @@ class Group:
     """The verifier's word on one group of constraints.
 
     Arguments:
-        name: of the group, one of its report's.
+        name: name of the group, unique in its report.
         value: the worst that was measured, in ``unit``; 0 where nothing is violated, inf where
             nothing could be measured.
         limit: largest value that is accepted, in ``unit``.
-        unit: of both, SI; "1" or empty for a share.
+        unit: unit of both, SI; "1" or empty for a share.
         where: limb, "limb component", foot, joint or link, "torso", or an axis; empty for the whole
             body.
         when: key frame, with the share of the way to the next as its fraction, or seconds of a
             walk; None where the group has no moment.
-        limb: the limb that ``where`` speaks of; empty of anything else.
+        limb: limb of ``where``; empty if it is no limb.
         message: why the group is violated or was not checked, in words.
-        scale: the value that is a violation of 1, of a group whose values are violations; None of
-            any other.
-        verdict: "holds", "violated", "not checked" or "not asked for"; the value's against the
-            limit where empty.
+        scale: value of a violation of 1, for groups whose values are violations; else None.
+        verdict: "holds", "violated", "not checked" or "not asked for"; if empty, value and limit
+            are compared.
         figures: further measurements, for people and files.
     Source:
         E1-E11; W2-W7.
@@ -145,8 +144,8 @@ class Report(Generic[S]):
     """The verifier's word on a posture, a plan, a walk, or a proof that there is no answer.
 
     Arguments:
-        groups: each group of constraints, with where it is worst.
-        answer: what was judged, which says what it was asked.
+        groups: each group of constraints with its worst place.
+        answer: the answer judged, with its problem.
         tolerance: largest violation that is accepted, without unit; 0 of a walk, whose groups have
             limits of their own.
         figures: further measurements, of which none is judged. Of a posture and a plan:
@@ -160,11 +159,12 @@ class Report(Generic[S]):
             of them would need, and the share of their samples outside their cones. Of a proof:
             lower_bound, the proved least moment residual; leaves, how many were checked; weakest,
             the leaf of the least bound.
-        limits: of a walk, what each group was allowed, by name; empty of everything else.
-        defect: why there was nothing to check; empty when there was.
-        remark: how sure the robot stands: what a posture or every stance of a plan bears beyond the
-            weight, or the friction that the feet of a walk need; empty where nobody measured it.
-        said: the verdict in one line, of a proof, whose judge says it; else it is made of the groups.
+        limits: for a walk, the limit of each group by name; else empty.
+        defect: reason why nothing could be checked; else empty.
+        remark: margin in words: the push that a posture or every stance of a plan bears, or the
+            friction that the feet of a walk need; empty if not measured.
+        said: for a proof, the verdict in one line by its judge; else it is composed from the
+            groups.
     Source:
         E1-E11; W2-W7, between the knots, too; Lagrangian bounds of E1-E11 of a proof.
 
@@ -230,7 +230,7 @@ class Report(Generic[S]):
 
     @property
     def unchecked(self) -> tuple[str, ...]:
-        """The groups that were asked for and could not be checked."""
+        """The requested groups that could not be checked."""
         return tuple(group.name for group in self.groups if group.verdict == "not checked")
 
     @property
@@ -248,7 +248,7 @@ class Report(Generic[S]):
 
     @property
     def body_message(self) -> str:
-        """A line on the groups of a plan's whole body that were asked for; empty where none was."""
+        """One line on the requested groups of a plan's whole body; empty without any."""
         remarks = list[tuple[str, str]]()
         for group in self._of_body:
             if group.verdict == "not asked for" or (
@@ -286,7 +286,7 @@ class Report(Generic[S]):
     @property
     def message(self) -> str:
         """One line: the verdict, what was not checked, every group that is refused, the worst
-        first, and what hinders the execution of what is accepted.
+        first, and the reason if an accepted answer cannot be executed.
         """
         if self.said:
             return self.said

@@ -48,18 +48,18 @@ class Trajectory(Motion):
         rotation: R_WB, shape (K, 3, 3).
         feet_m: p_WF, shape (K, E, 3) [m].
         forces_n: contact forces on the robot f_W, shape (K, E, 3) [N].
-        contact: which feet stand, shape (K, E), bool.
+        contact: True for feet that stand, shape (K, E), bool.
         robot, terrain: what walks, and where.
         friction: ν of W5.
         adhesive: feet without a friction cone, shape (E,), bool.
         start, goal: where the torso has to begin and to end, shape (2,) [m].
-        heading_rad: which way it has to face at the start, from x towards y [rad]; None where
-            nothing is asked.
+        heading_rad: required heading at the start, from x towards y [rad]; None where nothing is
+            asked.
         heading_end_rad: the same at the end.
         still: whether it has to be at rest at the start, and at the end.
         suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for
             no bound.
-        provenance: what made it, names to texts or numbers.
+        provenance: origin, names to texts or numbers.
 
     Raises:
         InvalidInput: for values that are no arrays of numbers.
@@ -163,9 +163,9 @@ class Trajectory(Motion):
         return Ground(heights=self.terrain, friction=friction_share * self.friction)
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
-        """The reason why no runner executes it, whatever the world; empty where one may.
+        """The reason why no world can execute it; empty if some can.
 
-        Of a robot without a model the groups of ``WALK_BODY`` are no hindrance: the runner asks the
+        For a robot without a model the groups of ``WALK_BODY`` do not matter: the runner takes the
         servos of the world.
         """
         from ..robot.model import walking_robot  # slow to import
@@ -213,5 +213,5 @@ def _check_built_in(robot: Robot) -> None:
         expected = replace(BUILT_IN[robot.name](), model=None).to_json()
         if other := first_difference(robot.to_json(), expected):
             raise InvalidInput(
-                f"expected the numbers of the built-in {robot.name}, got others: {other}"
+                f"expected the numbers of the built-in {robot.name}, got other values: {other}"
             )

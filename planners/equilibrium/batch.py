@@ -73,9 +73,7 @@ class ScaledBatch:
         return replace(self, vertices=np.broadcast_to(toes[:, :, None], self.vertices.shape))
 
     def problem(self, index: int) -> Scaled:
-        """One of them; they share one layout, and what else they share, or is worked out for all at
-        once.
-        """
+        """One problem; all share one layout, and quantities that are computed for all at once."""
         shared, (implied, bearing, arms) = self._shared, self._of_each
         scaled = object.__new__(Scaled)
         vars(scaled).update(

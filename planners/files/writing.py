@@ -194,7 +194,7 @@ def check_new_folder(path: Path) -> None:
 
 
 def check_writable(path: str | Path, *, folder: bool = False) -> Path:
-    """The file behind a path, or the folder, asked for before the work whose result goes there.
+    """Check a path or folder for writing before the work whose result goes there.
 
     Raises InvalidInput if none can be.
     """

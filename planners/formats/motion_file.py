@@ -287,7 +287,7 @@ def motion_from(data: Mapping[str, Any], where: str) -> Motion:
     labels = motion.labels()
     for name in dict.fromkeys((*labels, *data["columns"])):
         if name != "npz" and data["columns"].get(name) != labels.get(name):
-            raise InvalidInput(f"{place}.{name}: expected the question's, got others")
+            raise InvalidInput(f"{place}.{name}: expected the name of the question, got another")
     return motion
 
 
@@ -378,20 +378,20 @@ def _check_arrays(
                 f"shape {array.shape}"
             )
         if kind == "f" and not name.startswith("terrain_") and not np.isfinite(array).all():
-            raise InvalidInput(f"{where}: {name}: expected finite numbers, got others")
+            raise InvalidInput(f"{where}: {name}: expected finite numbers, got other values")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileCheck:
-    """Result of a second look at a file of a motion or a proof.
+    """Result of checking a file of a motion or a proof again.
 
     Arguments:
-        path: of the file.
-        kind: what it holds: a proof is that there is "no-plan", "no-posture" or "no-leap".
-        report: the verifier's.
-        message: all of it in one line.
-        same: the verdict that the file claims is the one of this look.
-        founded: what the file lists as checked can be checked.
+        path: path of the file.
+        kind: kind of its content; that of a proof is "no-plan", "no-posture" or "no-leap".
+        report: report of the verifier.
+        message: result in one line.
+        same: True if the file claims the verdict that this check finds.
+        founded: True if all that the file lists as checked can be checked.
     Source:
         docs/formats.md.
 
@@ -483,7 +483,7 @@ def check_file(
         report.message,
         report.body_message if of_plan else "",
         "" if same else "the file claims another verdict",
-        f"the file lists as checked what nobody can check: {', '.join(unfounded)}"
+        f"the file lists as checked what cannot be checked: {', '.join(unfounded)}"
         if unfounded
         else "",
     ]

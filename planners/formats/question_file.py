@@ -84,7 +84,7 @@ def read_problems(
 def read_leap(path: str | Path, robot: str | Path | None = None) -> Leap:
     """Read a leap's file, JSON or YAML, or draw one by its name, CLASS:SEED as leap-hard:7.
 
-    Raises InvalidInput, in one line, for anything else, and for another robot beside a file.
+    Raises InvalidInput, in one line, for anything else, and for a robot in addition to a file.
 
     Arguments:
         robot: a name or file whose legs are known, in place of the class's robot.

@@ -57,7 +57,7 @@ class GaitSettings:
         dynamics: ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as
             printed; ``newton-euler``, W2.
         hessian: ``exact``, or ``lbfgs`` for the paper's comparison.
-        max_iterations: of one solve.
+        max_iterations: iterations of one solve.
         tolerance: success is a largest violation below it [m, m·g, m·g·stand height].
         step_s: Δt [s], a share of the task's duration; smaller means more rows, and less to find
             between them.
@@ -136,13 +136,15 @@ class WalkKeys(BaseModel):
     """The keys of NAME.yaml.
 
     Arguments:
-        program: what made the walk.
-        robot, terrain: as ``stancekit gait`` has them; paths are from the file's folder.
-        spacing_m: of a terrain's grid file.
-        friction: ν.
-        start, goal: where the centre of mass was to begin and end.
-        cpu_process_s, cpu_solver_s: CPU time of the whole process and of its solver.
-        task: number of the paper's.
+        program: name of the program that made the walk.
+        robot, terrain: robot and terrain as in ``stancekit gait``; paths are from this file's folder.
+        spacing_m: spacing of a terrain's grid.
+        friction: friction coefficient ν.
+        start: start of the centre of mass.
+        goal: goal of the centre of mass.
+        cpu_process_s: CPU time of the whole process.
+        cpu_solver_s: CPU time of its solver.
+        task: number of the task in the paper.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -160,7 +162,7 @@ class WalkKeys(BaseModel):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _WalkTable:
-    """A walk of some program: its name, what is said of it, and the walk itself."""
+    """A walk of some program: its name, its description, and the walk itself."""
 
     name: str
     keys: WalkKeys
@@ -170,7 +172,7 @@ class _WalkTable:
 def walk_names(folder: str | Path) -> tuple[Path, ...]:
     """The walks of a folder, by their YAML files.
 
-    Raises InvalidInput for a folder that is none or has none.
+    Raises InvalidInput for a path that is no folder, and a folder without walks.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -247,7 +249,7 @@ def _of_table(path: Path, robot: Robot) -> dict[str, Any]:
     try:
         values = np.array(body, dtype=np.float64).reshape(len(body), len(head))
     except ValueError:
-        raise InvalidInput(f"expected {len(head)} numbers in every row, got others") from None
+        raise InvalidInput(f"expected {len(head)} numbers in every row, got other values") from None
     column = {name: values[:, index] for index, name in enumerate(head)}
 
     def of(parts: tuple[str, ...]) -> Array:
@@ -309,7 +311,7 @@ def _samples(arrays: Mapping[str, Array], robot: Robot) -> dict[str, Any]:
     if stands is None:
         stands = np.linalg.norm(arrays_of_walk["forces_n"], axis=2) > _LOADED * robot.weight_n
     elif not np.isin(stands, (0.0, 1.0)).all():
-        raise InvalidInput("stands: expected 0 or 1 for every foot, got others")
+        raise InvalidInput("stands: expected 0 or 1 for every foot, got other values")
     return {
         "times_s": arrays_of_walk["t_s"],
         "torso_m": arrays_of_walk["base_m"],

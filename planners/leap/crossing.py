@@ -81,9 +81,9 @@ class Stretches:
     """Places along a straight way where a robot can stand.
 
     Arguments:
-        start_m, direction: of the way in the plane, shape (2,) each.
+        start_m, direction: start and direction of the way in the plane, shape (2,) each.
         spans_m: where each stretch begins and ends along it, shape (S, 2) [m].
-        length_m: of the way [m].
+        length_m: length of the way [m].
     """
 
     start_m: Array

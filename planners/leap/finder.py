@@ -166,10 +166,10 @@ class LeapFinder:
             has learned.
         solves: convex problems at most in search of a plan; 25 find nearly all that is found.
         stop: cost of a first step above which a choice is given up; inf never gives up.
-        price: of a unit of predicted cost, in score; 10 to 100 do the same.
-        share: of the friction, that plans use.
+        price: price of a unit of predicted cost, in score; 10 to 100 do the same.
+        share: share of the friction that plans use.
         proof: convex problems at most in search of a proof, after no plan was found; 0 for none.
-        seed: of noise and of random choices.
+        seed: seed of noise and random choices.
 
     Raises:
         InvalidInput: for another order, and numbers out of range.
@@ -442,7 +442,7 @@ def tries_of(
             are no more.
         seed: of random choices and of noise.
         stop: cost of a first step above which a choice is given up.
-        share: of the friction, that plans use.
+        share: share of the friction that plans use.
 
     Returns:
         The tries in the order in which they were made. What one of them is refuted by is held

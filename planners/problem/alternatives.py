@@ -53,7 +53,7 @@ class Alternative:
         """The description with these changes.
 
         Arguments:
-            robot: whose limbs are placed.
+            robot: the robot whose limbs are placed.
             mirrored: whether the right side moves first, not the left.
         """
         update: dict[str, object] = {}

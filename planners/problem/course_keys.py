@@ -189,8 +189,8 @@ class CandidateSpec(_Keys):
     """Pieces of terrain that a toe is offered: the ``count`` nearest surfaces, clipped to a square
     window about its nominal place, ``margin_m`` away from every border of the surface, by default
     ``ROOM_M`` beyond the radius of a foot and how far it rolls, where a robot's file says what that
-    is. A sole is offered each with every one of ``yaws_rad`` that it has room for, a window being
-    larger by as much as the sole.
+    is. A sole is offered each of them with every one of ``yaws_rad`` for which there is room; its
+    window is larger by the sole.
 
     Arguments:
         everywhere: offer all that a limb could reach wherever the body may be, in place of

@@ -165,7 +165,7 @@ class Leap:
     start to goal?
 
     Arguments:
-        name: a word.
+        name: name of the leap.
         robot: a robot with an inertia; every limb may have ``LegLimits``.
         phases: phases of stance and flight, in order; the first, in which the body rests, and the
             last have contacts.
@@ -175,12 +175,12 @@ class Leap:
         start, goal: states of the body; the goal's c is the centre of a ball.
         goal_radius_m: radius of that ball [m].
         limits: limits of body and forces.
-        duration_s: sum of the durations in every timing; None if not known [s].
+        duration_s: sum of the durations in every timing; None if unknown [s].
 
     Raises:
-        InvalidInput: for a robot without inertia, phases without contacts at the ends, timings that
-            do not belong to the phases, footholds that are missing, not stood on or that
-            have no candidate.
+        InvalidInput: for a robot without inertia, a first or last phase without contacts, timings
+            that do not fit the phases, and footholds that are missing, unused or without
+            candidates.
     Source:
         Newton and Euler for one rigid body: v' = Σ f / m + g, L' = Σ (p − c) × f, I Θ' = L.
 

@@ -195,7 +195,7 @@ class Passage:
     """A robot, a terrain, and two places.
 
     Arguments:
-        name: of the terrain.
+        name: name of the terrain.
         robot: who goes.
         terrain: every surface there is.
         footholds: surfaces on which feet may stand.

@@ -43,7 +43,7 @@ class PostureBatch:
             looked at again.
 
     Raises:
-        InvalidInput: under the rules of ``Patch``, for the first patch that is none.
+        InvalidInput: for the first patch that ``Patch`` refuses.
     """
 
     like: Problem
@@ -177,7 +177,7 @@ class PostureBatch:
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
-        """All of them."""
+        """All posture problems."""
         return tuple(self.problem(index) for index in range(len(self)))
 
     def select(self, chosen: NDArray[np.intp]) -> PostureBatch:

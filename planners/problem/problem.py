@@ -292,7 +292,7 @@ class Problem:
                 its weight, shape (6,).
 
         Raises:
-            InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
+            InvalidInput: for no contacts, a limb twice, numbers out of range.
         """
         contacts = checked_members(contacts, Contact, "contacts")
         if not contacts:
@@ -341,9 +341,9 @@ class Problem:
 
         Arguments:
             name: name of the course.
-            robot: whose limbs stand, in the order of its own limbs; joints and bodies of its plans
-                are then known, of these limbs (``robot.some_legs``). None where the reach of the
-                limbs is all that is to be known.
+            robot: the robot whose limbs stand, in its own order; joints and bodies of its plans are
+                then known for these limbs (``robot.some_legs``). None to judge the reach of the
+                limbs alone.
 
         Raises:
             InvalidInput: for a robot that has not these limbs, or whose legs are not known.
@@ -490,8 +490,8 @@ class Problem:
 
     @property
     def unit_m(self) -> float:
-        """Unit of lengths in which it is computed: the length scale, or the robot's size where that
-        is so far from it that no digits would be left [m].
+        """Unit of lengths for computing: the length scale, or the robot's size where the two differ
+        so much that precision would be lost [m].
         """
         limbs, unit_m = self.robot.limbs, self.length_scale_m
         size_m = max(float(np.abs(each.shoulder_m).max()) + each.reach_m for each in limbs)
@@ -779,7 +779,7 @@ class Problem:
             raise InvalidInput(
                 "weights: expected the weights of an objective, got none: a posture problem has "
                 "one frame, after which "
-                "nobody moves, and one candidate for every toe"
+                "no limb moves, and one candidate for every toe"
             )
         usual: dict[str, Any] = {
             "name": "posture",
@@ -808,7 +808,7 @@ class Problem:
         names = self.robot.limb_names
         if self.lifts[0]:
             raise InvalidInput(
-                "lifts[0]: expected nobody to move before the first frame, got "
+                "lifts[0]: expected no limb to move before the first frame, got "
                 f"{list(self.lifts[0])}"
             )
         placed = {(foothold.frame, foothold.limb) for foothold in self.footholds}

@@ -48,7 +48,7 @@ OFF_M = 0.005
 _MOST_SPREAD = 20.0
 """Feet of one stance that are so many reaches apart are in other units than metres."""
 _FREE = 5.0
-"""Distance of a body from where nobody says that it is, and its longest step, in reaches."""
+"""Distance of a body from a guessed place, and its longest step, in reaches."""
 _KNOWN_M = 0.02
 """Distance of a body from where the sequence says that it is [m]."""
 
@@ -66,8 +66,8 @@ def is_sequence(path: str | Path) -> bool:
 def read_sequence(path: str | Path) -> Rows:
     """The rows of a sequence.
 
-    Raises InvalidInput for columns that lack or nobody knows, what is no number, normals that are
-    no unit vectors, and steps that go back.
+    Raises InvalidInput for missing or unknown columns, entries that are no numbers, normals that
+    are no unit vectors, and steps that go back.
     """
     if Path(path).suffix.lower() == ".npz":
         columns: dict[str, Any] = dict(read_archive(path))
@@ -92,7 +92,9 @@ def read_sequence(path: str | Path) -> Rows:
         )
     feet = np.array(columns.pop("foot"))
     if feet.ndim != 1 or feet.dtype.kind != "U" or not len(feet):
-        raise InvalidInput(f"{path}: column foot: expected a name in every row, got others or none")
+        raise InvalidInput(
+            f"{path}: column foot: expected a name in every row, got another value or none"
+        )
     rows: dict[str, NDArray[Any]] = {
         name: _numbers(column, f"{path}: column {name}", len(feet))
         for name, column in columns.items()
@@ -118,7 +120,7 @@ def _numbers(column: Any, where: str, count: int) -> Array:
     except ValueError as error:
         raise InvalidInput(f"{where}: expected numbers: {error}") from None
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
-        raise InvalidInput(f"{where}: expected {count} finite numbers, got others")
+        raise InvalidInput(f"{where}: expected {count} finite numbers, got other values")
     return numbers
 
 
@@ -196,7 +198,7 @@ def grounded(rows: Rows, ground: Terrain) -> tuple[Rows, Array]:
     """
     if said := [name for name in (*NORMAL, "friction") if name in rows]:
         raise InvalidInput(
-            f"{said[0]}: expected none beside a terrain, which has its own, got some"
+            f"{said[0]}: expected no such column with a terrain, which has its own, got one"
         )
     under = [nearest_ground(place, ground) for place in places_of(rows)]
     normals = np.array([np.eye(3)[2] if patch is None else patch.normal for patch, _ in under])

@@ -63,7 +63,7 @@ class WholeBodyLimits:
         InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative
             number of steps or distance.
     Source:
-        None: joint limits of the robot's file, and those that are asked for.
+        None: joint limits of the robot's file, and requested ones.
 
     Example:
         >>> from stancekit import WholeBodyLimits
@@ -433,9 +433,7 @@ class _Stage:
         self._scaled, self._programs = Scaled.of(course).chosen(plan.choice), Programs()
 
     def run(self, *, collides: bool) -> tuple[Plan | None, int]:
-        """The best plan that was met, None where not even the first was one, and how many steps it
-        took.
-        """
+        """The best plan found, None if even the first was no plan, and the number of steps."""
         friction, steps_taken = float(self._plan.provenance.get("friction_share", 1.0)), 0
         best, wanted, angles = None, EASY, np.asarray(self._plan.joints_rad)
         for share in dict.fromkeys(

@@ -37,7 +37,7 @@ class Modes:
     ``plan`` switches.
 
     Arguments:
-        names: of the kinds of terrain, in the order in which ``Problem.modes`` counts them (0
+        names: names of the kinds of terrain, in the order in which ``Problem.modes`` counts them (0
             ground, 1 wall).
         boxes: as many envelopes; their legs may be mirrored.
     Source:

@@ -217,8 +217,8 @@ class EnvelopeSet:
 
     Arguments:
         problem_class: name of the class, e.g. ``wall-3``.
-        legs: whose rows the boxes have, N names.
-        force_scale_n, length_scale_m: of the problems [N], [m].
+        legs: legs of the boxes' rows, N names.
+        force_scale_n, length_scale_m: scales of the problems [N], [m].
         normals: mean normals of the training patches, shape (N, 3).
         tilt_rad: how far the training patches leaned from them, shape (N,) [rad].
         envelopes: one box or more.

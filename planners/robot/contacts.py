@@ -3,8 +3,8 @@
 A foot is the shape of the leg's last body that is farthest from the last joint, whichever link of
 that body it is on. A ball touches at any attitude a radius below its centre, and so does the end of
 a capsule; meshes of balls are read as the balls they are. Where a box, a cylinder, a wheel or
-another mesh is the farthest, nobody but the robot's owner knows what is meant to touch: plans wait
-for ``contacts`` of the robot's YAML file.
+another mesh is the farthest, only the robot's owner knows what is meant to touch: plans need
+``contacts`` of the robot's YAML file.
 
 A sphere is fitted to the corners of a mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² −
 ‖m‖²), and made as large as the farthest of them is away. It is taken where nearly all corners, and
@@ -188,7 +188,7 @@ class Touch:
 
     Arguments:
         index: the number of its shape.
-        doubt: why nobody knows, in which case the rest is that of a point at the farthest end.
+        doubt: why it is unknown, in which case the rest is that of a point at the farthest end.
     """
 
     link: str
@@ -493,8 +493,8 @@ def with_balls(
 def check_contacts(
     legs: Sequence[Leg], name: str, shapes: Sequence[Shape], mounts: Mapping[str, Mount]
 ) -> None:
-    """Raise InvalidInput for legs of which nobody knows what touches, with an example of what a
-    YAML file may say.
+    """Raise InvalidInput for legs whose contact is unknown, with an example of what a YAML file may
+    say.
     """
     doubts = dict[str, list[str]]()
     for leg in legs:

@@ -336,7 +336,7 @@ def with_known_hulls(
                 )
         if parts and not _fills(parts, corners):
             raise InvalidInput(
-                f"model: hulls: expected parts whose hull is that of shape {number}, got others"
+                f"model: hulls: expected parts whose hull is that of shape {number}, got other parts"
             )
     return tuple(
         replace(shape, corners_m=hulls[i][0], parts_m=tuple(hulls[i][1:])) if i in hulls else shape

@@ -189,7 +189,7 @@ class Limb:
     spherical workspace.
 
     Arguments:
-        name: a word.
+        name: name of the limb.
         shoulder_m: p_BS, position of the shoulder in the body frame, shape (3,) [m].
         reach_m: Δ_FK of E11, radius of the workspace about the shoulder [m].
         reach_rows: half-spaces that hold the toe, in addition to the ball; to have them alone, set
@@ -450,7 +450,7 @@ class _RobotNumbers:
     """The keys of a robot: its limbs, and what makes its legs.
 
     Arguments:
-        name: a word.
+        name: name of the robot.
         mass_kg: the whole mass [kg].
         limbs: one or more.
         identity: name and digest of the model that the robot comes from.
@@ -501,7 +501,7 @@ class Robot:
     """A body with point-contact limbs; its centre of mass stays at the body's origin.
 
     Arguments:
-        name: a word.
+        name: name of the robot.
         mass_kg: the whole mass [kg].
         limbs: one or more, of different names; with feet always those of their boxes.
         model: the robot's own legs, joint by joint, from its file; None if only its limbs are
@@ -627,7 +627,7 @@ class Robot:
             if not held:
                 raise InvalidInput(
                     f"robot {self.name}: limb {limb.name}: sole_m: expected points of the soles that "
-                    "its model has there, got others"
+                    "its model has there, got other values"
                 )
 
     def check_limbs(self) -> None:
@@ -702,8 +702,8 @@ class Robot:
 
     @property
     def size(self) -> float:
-        """Size of the robot, 1 of the default hexapod and of a dog with legs of 0.48 m: lengths that
-        nobody says follow it.
+        """Size of the robot, 1 for the default hexapod and for a dog with legs of 0.48 m: lengths
+        that are not given scale with it.
         """
         if self.source.own:
             return self.source.own_model().size
@@ -721,8 +721,8 @@ class Robot:
 
     @property
     def inertia(self) -> Array | None:
-        """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None
-        where nobody says.
+        """Inertia about the centre of mass, its own or its model's, shape (3, 3) [kg m²]; None if
+        unknown.
         """
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
@@ -730,11 +730,11 @@ class Robot:
 
     @property
     def origin_m(self) -> Array:
-        """p_BO, the origin that limbs are given from, in the base of the robot's legs, shape (3,)
+        """p_BO, the origin of the limbs' coordinates in the base of the robot's legs, shape (3,)
         [m].
 
-        Of a model it is the centre of mass as it stands, which Lin et al. take for the body's
-        origin; else it is 0.
+        For a robot with a model, the centre of mass of its standing posture, Lin et al.'s body
+        origin; else 0.
         """
         return np.zeros(3) if self.model is None else self.model.body.com_m
 

@@ -459,7 +459,7 @@ def read_polytope(path: str | Path, *, stretch: float = 1.0) -> tuple[Array, Arr
         )
     except (ValueError, IndexError):
         raise InvalidInput(
-            f"{path}: expected corners, normals and faces of an OBJ file (f v//n …), got others"
+            f"{path}: expected corners, normals and faces of an OBJ file (f v//n …), got other lines"
         ) from None
     if not 4 <= len(faces) <= MOST_ROWS or not (
         np.isfinite(corners).all() and np.isfinite(normals).all()
@@ -470,7 +470,7 @@ def read_polytope(path: str | Path, *, stretch: float = 1.0) -> tuple[Array, Arr
     if faces.min() < 0 or faces[:, 0].max() >= len(corners) or faces[:, 1].max() >= len(normals):
         raise InvalidInput(
             f"{path}: expected faces of its {len(corners)} corners and {len(normals)} normals, got "
-            "others"
+            "indices beyond them"
         )
     middle = corners.mean(axis=0)
     corners = middle + stretch * (corners - middle)

@@ -2,8 +2,8 @@
 it.
 
 Inside other files a robot's own model is the corrected URDF's text, and what makes legs of it: the
-text goes through ``model_of`` as the file did, and hulls stand for its meshes, which nobody looks
-for.
+text goes through ``model_of`` as the file did, and hulls replace its meshes, which are not read
+again.
 """
 
 from __future__ import annotations

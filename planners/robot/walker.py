@@ -286,8 +286,8 @@ _SHAPES = "collision", "visual"
 def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
     """The robot on these limbs, each with the leg of its name.
 
-    Other legs of its file are held as the robot stands: they weigh, and nobody looks at their
-    shapes, since a posture does not say where they are. Legs that are drawn up are drawn for these
+    Other legs of its file are held as the robot stands: they weigh, and their shapes are not
+    checked, since a posture does not say where they are. Legs that are drawn up are drawn for these
     limbs alone. ``absent`` names them, and verdicts say that their bodies are not judged.
 
     Arguments:

@@ -232,10 +232,10 @@ class Method(ABC):
     """Base of the methods: a value with its settings, which answers problems.
 
     Arguments:
-        time_limit_s: of one problem; 30 of a posture and 60 of a course where None [s].
+        time_limit_s: limit per problem; None for 30 (posture) or 60 (course) [s].
         acceptance: when a claim counts.
         programs: compiled models to share; those of the thread where None.
-        most_s: longest time for one problem that whoever asks has, whatever its kind [s].
+        most_s: the caller's own limit per problem of either kind [s].
     """
 
     name: ClassVar[str]
@@ -541,7 +541,7 @@ class PlanSettings:
             interruption. The file is removed once there is a plan.
 
     Raises:
-        InvalidInput: for a push below 0, and a wrench that is none.
+        InvalidInput: for a push below 0, and a malformed wrench.
     Source:
         None: demands on a plan beside those of Lin et al.
 

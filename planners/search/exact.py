@@ -256,12 +256,12 @@ class Exact(Method):
     """Branch and bound to a verdict with its evidence; of courses to the best plan, for short ones.
 
     Arguments:
-        gap: of courses, relative: a plan this close to the best counts as best.
+        gap: for courses, relative: a plan this close to the best counts as best.
         max_solves: convex solves of one answer at most, beside the limit of time; None for no such
             limit. With a ``time_limit_s`` that is never met, 1e6, the answer is the same on a busy
             computer.
         max_nodes: where to stop; ``NODES`` where None.
-        time_limit_s, acceptance, programs, most_s: of every method, see ``Method``.
+        time_limit_s, acceptance, programs, most_s: see ``Method``.
 
     Posture problems whose least moment residual lies between the two figures of ``acceptance`` stay
     undecided.
@@ -328,7 +328,7 @@ class Exact(Method):
     def search(
         self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None
     ) -> CutSearch:
-        """The search that ``solve`` has the claim of a posture verified of, when it has run.
+        """The finished search whose claim on a posture ``solve`` lets the verifier check.
 
         Arguments:
             root: as for ``solve``.

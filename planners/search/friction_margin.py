@@ -309,8 +309,8 @@ def _part_of_time(deadline: float) -> float:
 
 
 def quick(planner: Planner, *, hasty: bool = False) -> Planner:
-    """The planner without proofs and cuts in space: nobody waits half a minute for a plan that is
-    only better to have.
+    """The planner without proofs and cuts in space, which would take half a minute for a plan that
+    is merely better.
 
     Arguments:
         hasty: the first guess of patches is all that it tries.

@@ -54,7 +54,7 @@ class PlannerOptions:
 
     Arguments:
         of: the kind of question that it will be asked; None where that may be either.
-        time_limit_s: of one problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
+        time_limit_s: limit per problem; ``POSTURE_LIMIT_S`` or ``COURSE_LIMIT_S`` where None [s].
         acceptance: when a claim counts.
         programs: compiled models to share.
         settings: by name, for a planner from elsewhere, see ``SETTINGS``.
@@ -267,7 +267,7 @@ def _value(make: _Make, name: str, settings: Mapping[str, Any], taken: tuple[str
         if setting not in taken and not (setting in SETTINGS and value == SETTINGS[setting]):
             came = shown(value) if isinstance(value, str | int | float) else type(value).__name__
             raise InvalidInput(
-                f"{setting}: expected none for {name}, which has no use for it, got {came}"
+                f"{setting}: expected none for {name}, which does not use it, got {came}"
             )
     method: Method = make(**{name: value for name, value in settings.items() if name in taken})
     return method

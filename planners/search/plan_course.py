@@ -126,7 +126,7 @@ def plan_course(
         question: the course, or a function that lays it out; a function may choose other candidates
             for a proof, which is then one about all that the robot may reach, while a course is
             answered with the candidates that it has.
-        planner: of contacts and forces.
+        planner: planner of contacts and forces.
         shares: of the friction, see ``plan_with_reserve``; None for 0.8, 0.9 and 1 where the
             planner has a true ``reserve``, as two-stage planners have, and all of it with others.
         presses: likewise; None for the usual ones with a reserve.

@@ -53,28 +53,28 @@ class TwoStage(Method):
     bilinear surface m = p·f.
 
     Arguments:
-        relaxation: P1, a name of ``RELAXATIONS``; where None "p1" with envelopes, and without any
-            the lift.
+        relaxation: P1, a name of ``RELAXATIONS``; None for "p1" with envelopes, and for the lift
+            without any.
         envelopes: learned boxes that P1 is over, in contact frames, for a stance of the problem or
             its mirror image; of courses, with several, one is chosen a stance, and also several
             sets, for stances on different limbs, ``StanceBoxes`` for the stances of one course, and
             ``Modes``, boxes in world axes.
-        projection: P2, a name of ``PROJECTIONS``; None puts P1's own point to the verifier, of
+        projection: P2, a name of ``PROJECTIONS``; None gives P1's own point to the verifier, for
             postures.
-        reserve: of courses: plan with 80 % of the friction where that has a plan, else with 90 %,
+        reserve: for courses: plan with 80 % of the friction where that has a plan, else with 90 %,
             else with all.
-        max_solves: of courses: convex solves of one search at most, beside the limit of time; None
+        max_solves: for courses: convex solves of one search at most, beside the limit of time; None
             for no such limit. With a ``time_limit_s`` that is never met, 1e6, the plan is the same
             on a busy computer.
 
-        gap: of courses: None takes the first plan that the search finds; else the search goes on,
+        gap: for courses: None takes the first plan that the search finds; else the search goes on,
             and improves plans, until one is proved to be within this relative gap of the best.
-        max_nodes: of each search of a course; 2000 over the lift and 200 over envelopes where None;
-            over the lift 0 tries the first guess of patches alone.
-        cuts, proves: of courses: whether to cut in space where P1 says yes and P2 no, and whether to
-            look for proofs.
-        steps: of SCP at most, where the first few bring a point near to a plan.
-        time_limit_s, acceptance, programs, most_s: of every method, see ``Method``.
+        max_nodes: nodes of each search of a course; 2000 over the lift and 200 over envelopes where
+            None; over the lift 0 tries the first guess of patches alone.
+        cuts, proves: for courses: whether to cut in space where P1 says yes and P2 no, and whether
+            to look for proofs.
+        steps: most steps of SCP, of which the first few come near a plan.
+        time_limit_s, acceptance, programs, most_s: see ``Method``.
 
     Raises:
         InvalidInput: for an unknown name, envelopes that are missing, and envelopes that the lift
@@ -125,7 +125,7 @@ class TwoStage(Method):
             )
         if not over_boxes and self.envelopes is not None:
             raise InvalidInput(
-                f"envelopes: expected none for the {self.relaxation}, which has no use for them"
+                f"envelopes: expected none for the {self.relaxation}, which uses none"
             )
 
     def check(self, kind: Kind) -> None:
@@ -349,7 +349,7 @@ class TwoStage(Method):
         return self.acceptance.answer(course, claim, method=self.name, clock=clock)
 
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
-        """The search over the patches of one course, run."""
+        """Run the search over the patches of one course."""
         assert self.projection is not None
         share = _CHOICE_SHARE if self.cuts else 1.0
         max_nodes, projection = NODES if self.max_nodes is None else self.max_nodes, self.projection

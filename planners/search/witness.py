@@ -253,7 +253,7 @@ class _Rows:
         x -= _times(self.back, _times(self.rows, x) - self.right)
 
     def along(self, others: Array) -> Array:
-        """Other rows, shape (B, ·, D), less what these fix of them."""
+        """Other rows, shape (B, ·, D), with their part in the span of these rows removed."""
         return np.asarray(others - np.matmul(np.matmul(others, self.back), self.rows))
 
     def select(self, chosen: Index) -> _Rows:

@@ -90,7 +90,8 @@ class Terrain:
     def grid(self, x_m: Array, y_m: Array) -> Array:
         """Heights at grid lines, shapes (n,) and (m,), shape (n, m) [m].
 
-        Of polygons those of the highest one that faces up, edges sharp, or ``VOID_M``.
+        Where polygons overlap the highest one that faces up counts, with sharp edges; ``VOID_M``
+        where there is none.
         """
         places = np.stack(np.meshgrid(x_m, y_m, indexing="ij"), axis=-1)
         if (
@@ -457,7 +458,7 @@ def read_draw(name: str, where: str) -> tuple[str, float, int]:
     Raises InvalidInput for text where a number is expected.
 
     Arguments:
-        where: what the message begins with.
+        where: beginning of the message.
     """
     family, numbers = split_name(name)
     try:

@@ -142,11 +142,11 @@ class FootholdLimits:
 
     Arguments:
         slope_rad: largest angle between the surface's normal and the vertical [rad].
-        clearance_m: what is free above the surface, along its normal; None for ``_CLEARANCE_M`` of
-            a robot of size 1, and as much more or less as it is larger or smaller [m].
-        margin_m: of every foothold from the borders of its surface; None for the radius of the
-            robot's foot, or ``_FOOT_M`` by its size where that is unknown [m].
-        width_m: least width of what is left; None likewise [m].
+        clearance_m: free space above the surface, along its normal; None for ``_CLEARANCE_M`` times
+            the robot's size [m].
+        margin_m: distance of every foothold from the borders of its surface; None for the radius of
+            the robot's foot, or ``_FOOT_M`` by its size where that is unknown [m].
+        width_m: least width of the rest; None likewise [m].
         roughness_m: largest rms of heights off the plane of a foothold in a map [m].
         noise_m: deviation of the heights of a map or a cloud by its sensor, allowed for beside the
             roughness; None estimates it from the heights [m].
@@ -173,8 +173,8 @@ class FootholdLimits:
         check_limits(self)
 
     def for_foot(self, radius_m: float, size: float = 1.0) -> FootholdLimits:
-        """These limits, what is None of them filled in for a foot of this radius, 0 where nobody
-        says it, and a robot of this size.
+        """These limits with every None filled in for a foot of this radius, 0 if unknown, and a
+        robot of this size.
         """
         foot = radius_m or _FOOT_M * size
         usual = {"margin_m": foot, "width_m": foot, "clearance_m": _CLEARANCE_M * size}
@@ -299,12 +299,12 @@ class Footholds:
     """The footholds of a terrain, as ``stancekit.terrain`` finds them.
 
     Arguments:
-        name: of the terrain.
+        name: name of the terrain.
         pieces: what may be stood on; a place may be in several pieces of one surface.
-        area_m2: that they cover [m²].
+        area_m2: area that they cover [m²].
         refused_m2: the area of what else there is, by reason (``REASONS``) [m²].
         surfaces: the whole terrain as patches, for bodies to keep out of and for pictures.
-        limits: that they are within.
+        limits: limits that they keep.
         noise_m: deviation of a map's or a cloud's heights, as given or as they show it; None
             of a mesh [m].
         noise_length_m: distance at which the correlation of that noise is 1/e, 0 where it is white
@@ -331,7 +331,7 @@ class Footholds:
     doubts: tuple[str, ...] = ()
 
     def moved(self, frame: Frame) -> Footholds:
-        """The footholds in a world that is moved with them, with the shear references of that."""
+        """The footholds moved with the world, with its shear references."""
         pieces = (replace(one, patch=one.patch.moved(frame, shear_of)) for one in self.pieces)
         surfaces = (patch.moved(frame, shear_of) for patch in self.surfaces)
         return replace(self, pieces=tuple(pieces), surfaces=tuple(surfaces))
@@ -427,7 +427,7 @@ def read_footholds(
 ) -> Footholds:
     """The footholds of a terrain's file.
 
-    Raises InvalidInput for one that is none, or has none.
+    Raises InvalidInput for a file of another kind, and one without footholds.
     """
     from .terrain_file import (
         read_terrain,

@@ -69,7 +69,7 @@ class ImportOptions:
         offset_m: added to every point, after unit and axis, shape (3,) [m].
         crop_m: what is kept, in the world's frame: x from, to, y from, to, or with z from, to
             besides [m].
-        spacing_m: of a grid's cells, of the map that a cloud becomes, and at which a mesh is
+        spacing_m: spacing of a grid, of the map that a cloud becomes, and at which a mesh is
             sampled for walks [m].
         height_m: heights of black and white in a .png [m].
         holes: what has no height: "no-go" is no terrain, "fill" lies on a membrane over its border.

@@ -136,8 +136,9 @@ def _off_planes(labels: Labels, cells: GroundCells, planes: Array) -> Array:
 def excess_squares(
     labels: Labels, cells: GroundCells, noise_m: float, *, looked: bool = False
 ) -> Array:
-    """Squares of means over about a foot's path of each surface off its plane, less those of noise's means; and the
-    latter, shape (2, n, m) [m²], 0 where what they hide was looked for.
+    """Squared means, over about a foot's path, of each surface's deviation from its plane, less
+    those of the noise; and those of the noise, shape (2, n, m) [m²], 0 where no deviation can hide
+    in them.
     """
     planes = fitted(labels, cells)[0]
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)

@@ -91,8 +91,8 @@ _POCKET = 1.0
 
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
-    """The footholds of a map, or of the cloud that it is of, also below what hangs over its ground;
-    walls, poles and bars are surfaces, too (``map_solids``).
+    """The footholds of a map, or of the cloud behind it, including ground below overhangs; walls,
+    poles and bars are surfaces, too (``map_solids``).
     """
     over = None if terrain.points_m is None else Overhead.of(terrain.points_m, terrain.spacing_m)
     if over is None:

@@ -71,7 +71,7 @@ def read_corners(
         raise InvalidInput(f"{path}: expected a mesh with triangles, got an empty one")
     if not np.all((triangles >= 0) & (triangles < len(corners))):
         raise InvalidInput(
-            f"{path}: expected a mesh whose triangles are of its {len(corners)} corners, got others"
+            f"{path}: expected triangles of the mesh's {len(corners)} corners, got corners beyond them"
         )
     sound = np.abs(corners) <= _LARGEST
     if not np.all(sound):
@@ -157,7 +157,7 @@ def _elements(
 
     Raises:
         InvalidInput: for a file in itself, and where an element asks for more than MuJoCo makes in
-            seconds: what it has begun nobody ends.
+            seconds: MuJoCo cannot be interrupted.
     """
     names, most = _MOST.get(element.tag, ((), math.inf))
     many = copies

@@ -78,8 +78,8 @@ class Ground:
     def depth_inside(self, points: Array) -> Array:
         """``depth`` of the points that are in it, and −inf of the others, shape (…, 3) to (…) [m].
 
-        What is above all control points about it is above the spline, and is not looked at; the
-        slope is that of points that are below it alone.
+        Points above all control points around them are above the spline, and are skipped; slopes
+        are computed for points below the spline alone.
         """
         flat = points.reshape(-1, 3)
         depths = np.full(len(flat), -np.inf)

@@ -113,7 +113,7 @@ class Certainty:
             checked(getattr(self, name), name, least=0.0)
 
     def moved(self, frame: Frame) -> Certainty:
-        """The certainty of the surface in a world that is moved with it."""
+        """The certainty of the surface moved with the world."""
         about, slopes = frame.places(np.append(self.about_m, 0.0))[:2], np.eye(3)
         slopes[1:, 1:] = frame.rotation[:2, :2]
         return replace(self, about_m=about, covariance=slopes @ self.covariance @ slopes.T)
@@ -337,7 +337,7 @@ class Patch:
             (3,); not along n.
         friction: μ ≥ 0.
         certainty: how sure its plane and its edges are, where it was measured with noise.
-        thickness_m: of what lies behind it and bodies may run into [m].
+        thickness_m: thickness of the solid behind it, for collisions of bodies [m].
 
     Raises:
         InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along
@@ -396,7 +396,7 @@ class Patch:
         return Solid.behind(self.vertices_m, self.normal, self.thickness_m)
 
     def with_friction(self, friction: float) -> Patch:
-        """Patch of the same surface with another friction; its geometry is not looked at again.
+        """Patch of the same surface with another friction; its geometry is not checked again.
 
         Raises InvalidInput.
         """

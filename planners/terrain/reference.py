@@ -217,8 +217,8 @@ def named_terrain(
 
 
 def names_ground(name: str) -> bool:
-    """Tell whether a name is that of a ground, and of no file: in ``TERRAINS``, a draw, or
-    ``FILE.py:NAME``.
+    """Tell whether a name stands for a ground rather than a file: one of ``TERRAINS``,
+    FAMILY:LEVEL:SEED, or ``FILE.py:NAME``.
     """
     family = split_name(name)[0]
     is_file = family.endswith(".py") or ".py:" in family

@@ -64,9 +64,8 @@ def read_grid(path: Path, options: ImportOptions, name: str) -> ElevationMap:
         raise InvalidInput(f"{path}: expected heights of shape (n, m), got shape {heights.shape}")
     if heights.shape[1] == 3 and options.kind is None:
         raise InvalidInput(
-            f"{path}: expected to be told what an array of shape {heights.shape} holds, kind cloud "
-            "(points x, y, z) or "
-            "grid (heights), got no kind"
+            f"{path}: expected kind cloud (points x, y, z) or grid (heights) for an array of shape "
+            f"{heights.shape}, got no kind"
         )
     scaled_heights = options.unit_m * np.asarray(heights, dtype=np.float64)
     return _shifted(ElevationMap.of_heights(scaled_heights, options.spacing_m, name), options)

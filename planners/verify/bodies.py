@@ -210,7 +210,7 @@ def check_bodies(
     if plan.problem.robot.absent and group.verdict == "holds":
         absent = ", ".join(plan.problem.robot.absent)
         group = replace(
-            group, verdict="not checked", message=f"legs {absent}: nobody says where they are"
+            group, verdict="not checked", message=f"legs {absent}: where they are is unknown"
         )
     if plan.problem.uncarried:
         return (group,)  # nobody asks for a motion

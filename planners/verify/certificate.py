@@ -203,7 +203,7 @@ class Forest:
                 f"got {tree.shape} and {rows.shape}"
             )
         if not (np.isfinite(tree).all() and np.isfinite(rows).all()):
-            raise InvalidInput("certificate: expected finite numbers, got others")
+            raise InvalidInput("certificate: expected finite numbers, got other values")
         candidates = len(self.numbers.candidate)
         root = np.arange(problem * candidates, (problem + 1) * candidates)
         stack: list[_Node] = [

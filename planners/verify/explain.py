@@ -110,11 +110,11 @@ SEVERAL = "several"
 
 
 def hindrances(certificates: Sequence[Certificate]) -> list[str]:
-    """The limit per certificate whose growth by a share, with all else as it is, takes most of what
-    is proved.
+    """For each certificate, the limit whose relative growth, all else equal, lowers the proved
+    bound most.
 
-    The certificates are accepted ones of posture problems that differ in their patches alone. A
-    body that has no tilt is not given one.
+    The certificates are accepted, of posture problems that differ in their patches alone. A body
+    without tilt gets none.
     """
     if not certificates:
         return []

@@ -202,7 +202,7 @@ class _Replay:
     def check(self) -> int:
         """Number of states that are held.
 
-        Raises _Refused where one beside them is not refuted.
+        Raises _Refused where a neighbouring state is not refuted.
         """
         nowhere = np.zeros(self.counts, dtype=bool)
         start, goal = (self._about(place) for place in (self.passage.start_m, self.passage.goal_m))

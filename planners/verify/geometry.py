@@ -342,7 +342,7 @@ _POINTS_SUM = 1e-9
 
 
 def sole_points(sole_m: Array | None, patch: Patch, yaw_rad: float) -> Array:
-    """From the toe to the points that bear forces, shape (K, 3) [m]; of a point foot its own place.
+    """Vectors from the toe to the points that bear forces, shape (K, 3) [m]; zero for a point foot.
 
     Forward is z of the contact frame (E3) turned by the yaw about the normal n; left is n ×
     forward.
@@ -401,7 +401,7 @@ def tipping(plan: Plan, share: float = LEAST_PUSH) -> str:
     it is not.
 
     Arguments:
-        plan: of any robot; of those whose legs are not their file's nothing is said.
+        plan: plan of any robot; those without legs of their own file are not judged.
         share: push that every stance has to bear, as a share of the weight; 0 for none.
     """
     course = plan.problem

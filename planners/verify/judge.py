@@ -27,8 +27,8 @@ def judge(
 
     Arguments:
         tolerance: largest violation of a plan; the rest have limits of their own.
-        joints: of a plan, judge the whole body, too.
-        margins: of a plan, measure what its stances bear.
+        joints: judge a plan's whole body, too.
+        margins: measure what a plan's stances bear.
     """
     match evidence:
         case Plan():

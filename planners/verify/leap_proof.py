@@ -196,7 +196,7 @@ def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list
     if tree.ndim != 2 or tree.shape[1] != 5 or not len(tree) or rows.ndim != 2:
         raise _Refused("expected a tree of rows of five numbers, and a row of multipliers per leaf")
     if not np.isfinite(tree).all() or not np.isfinite(rows).all():
-        raise _Refused("expected finite numbers, got others")
+        raise _Refused("expected finite numbers, got other values")
     whole = [list(range(len(foothold.candidates))) for foothold in leap.footholds]
     stack = [(list(range(len(leap.timings_s))), whole)]
     leaves: list[tuple[int, list[list[int]], Array]] = []

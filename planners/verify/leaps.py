@@ -294,7 +294,7 @@ def _defect(plan: LeapPlan) -> str:
         if np.shape(array) != shape:
             return f"{name}: expected shape {shape}, got {array.shape}"
         if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
-            return f"{name}: expected finite numbers, got others"
+            return f"{name}: expected finite numbers, got other values"
     if plan.gather is not None and not np.all(
         (plan.gather >= LEAST_GATHER) & (plan.gather <= MOST_GATHER)
     ):

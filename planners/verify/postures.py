@@ -81,8 +81,8 @@ def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, 
 
 
 def _on_the_way(plan: Plan, solver: Kinematics, torque: Group, deadline: float) -> Group:
-    """The group ``torque`` with what joints give between key frames of a plan on soles, whose steps
-    nobody bends where they give too much.
+    """The group ``torque`` with the joints' torques between key frames of a plan on soles, whose
+    steps are not bent where these are too large.
     """
     if torque.verdict != "holds":
         return torque
@@ -317,7 +317,7 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
         if array is None or array.shape != shape:
             return _misshapen(plan, name, shape), -1, ""
         if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers, got others", -1, ""
+            return f"{name}: expected finite numbers, got other values", -1, ""
         if not course.is_posture and np.abs(array).max(initial=0) > LARGEST:
             return (
                 f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}",

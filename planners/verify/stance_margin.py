@@ -55,7 +55,7 @@ BALANCED, UNIT, SAME, TINY = 1e-9, 1e-6, 1e-7, 1e-12
 """Forces that miss their balance by more are not used, in units of the weight and metres; a normal's
 length may differ from 1 by ``UNIT``; lengths and shares that are none."""
 SLIPLESS, FAR = 10.0, 50.0
-"""Most friction, and farthest point [m], of which margins are told."""
+"""Largest friction, and farthest point [m], for which margins are computed."""
 
 
 def _along(A: Any, b: int, w: Any, first: int, last: int) -> tuple[float, float, float]:
@@ -336,8 +336,8 @@ def compiled() -> Any:
 
 
 def places(borne: Array) -> Array:
-    """Shifts of the centre of mass: one that is t elsewhere takes t × b of the moments, b the sum of
-    the forces; shape (N, 6, 2).
+    """Change of the wrench per shift of the centre of mass: a shift t takes t × b from the moments,
+    where b is the sum of the forces; shape (N, 6, 2).
 
     Arguments:
         borne: b and its moment about the centre of mass in units of the weight, shape (N, 6).
@@ -367,9 +367,10 @@ class Margins:
         direction: in which the stance ends first, shape (N, 2).
         forces: at the point of the border that is nearest, in the world, in units of the weight,
             shape (C, 3) or (N, n, 3), as the contacts were given.
-        multiplier: of the balance of forces and moments: the certificate of ``upper``, shape (N, 6).
+        multiplier: multipliers of the force and moment balance: the certificate of ``upper``, shape
+            (N, 6).
         ends: points of the set of shifts, in turn, shape (N, K, 2), nan behind the last.
-        stances: that were asked.
+        stances: the stances, in their order.
     """
 
     lower: Array

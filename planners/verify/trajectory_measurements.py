@@ -83,7 +83,7 @@ class WalkLimits:
 
     Arguments:
         cone: how far the tangential force may exceed ν times the normal one; 1e-3 m·g on a foot
-            that carries half the weight is an error of .002 in ν, which nobody knows that well, and
+            that carries half the weight is an error of .002 in ν, less than its uncertainty, and
             ten times the optimiser's own tolerance.
         continuity_m: ‖x₋ − 2x + x₊‖ of torso and feet; 5 mm at 5 ms is 200 m/s², a jump and no
             swing.
@@ -442,9 +442,9 @@ class TrajectoryMeasurements:
         }
 
     def footing_friction(self) -> float:
-        """The steepest slope, as a gradient, of the ground where feet that have a friction cone
-        come down, and at four places OFF_M beside it: the least ν with which a foot that is so far
-        off its place does not slip.
+        """The steepest gradient of the ground where feet with a friction cone come down, and at
+        four places OFF_M around each: the least ν with which a foot that misses its place by OFF_M
+        does not slip.
         """
         about = OFF_M * np.vstack([np.zeros(3), np.eye(3)[:2], -np.eye(3)[:2]])
         places = (self.trajectory.feet_m[_began(self.gripping)][:, None] + about).reshape(-1, 3)

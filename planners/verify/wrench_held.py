@@ -1,5 +1,5 @@
-"""Largest part of a wrench that a stance holds: the reason for most proofs that nobody can carry
-it.
+"""Largest part of a wrench that a stance holds: the reason for most proofs that it cannot be
+carried.
 
 A stance is asked alone, with the multiple σ of its wrench, whatever the robot does before and
 after:

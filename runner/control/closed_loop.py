@@ -63,16 +63,16 @@ class LoopReport:
         message: why not.
         ended: how the robot was left.
         plans: made and run.
-        replans: of these, because of a deviation.
+        replans: plans made because of a deviation.
         frames: key frames reached, of all but the first.
         friction: as feet felt it.
-        planned_share: of the course's friction, that the last plan counts on.
+        planned_share: share of the course's friction that the last plan counts on.
         surfaces: what feet found otherwise than planned, empty for nothing.
         com_final_m: distance of the centre of mass from the last plan's end [m].
         deviation_m: farthest that body or feet were off the plan [m].
-        seconds: of motion [s].
+        seconds: duration of the motion [s].
         plan_s: spent on planning [s].
-        wall_s: by the clock [s].
+        wall_s: wall-clock time [s].
     Source:
         None: planned against measured.
 

@@ -373,7 +373,7 @@ def _within_chosen(
     if boxes is None:
         legs = ", ".join(learned.legs)
         raise InvalidInput(
-            f"{course.name}: expected stances by {legs} or the legs opposite to them, got others"
+            f"{course.name}: expected stances by {legs} or the legs opposite to them, got other limbs"
         )
     boxes = replace(boxes, boxes=tuple(box.widened(_ROOM) for box in boxes.boxes))
     return TwoStage(envelopes=boxes, max_nodes=NODES, programs=programs)

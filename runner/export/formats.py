@@ -439,7 +439,7 @@ def write_moved(moved: Moved, to: str, path: Path) -> None:
     meant = moved.table.arrays()
     for name, there in read_table(path).arrays().items():
         if not np.allclose(there, meant[name], rtol=0.0, atol=1e-8):
-            raise InvalidInput(f"{path}: expected {name} as it was written, got others")
+            raise InvalidInput(f"{path}: expected {name} as it was written, got other values")
 
 
 def moved_of(subject: Motion, to: str, rate_hz: float = RATE_HZ, source: str = "") -> Moved:

@@ -179,8 +179,7 @@ def key_source(stream: int | None = None) -> Source:
 
 
 def reader_source(*streams: int) -> Source:
-    """Stop where nobody reads any more what is written to one of these: a closed terminal, or the
-    end of a pipe.
+    """Stop when one of these streams lost its reader: a closed terminal, or the end of a pipe.
 
     Arguments:
         streams: file descriptors. Nothing is written, so that a stop does not wait for the next

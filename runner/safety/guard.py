@@ -77,7 +77,7 @@ class Watchdog:
             self._monitor.beat()
 
     def guard(self) -> None:
-        """Watch from now on that the process does not stand still, whatever the loop waits for."""
+        """Watch from now on that the process does not hang, whatever the loop waits for."""
         self._pulse = None if self._thread is None else self._clock()
 
     def rest(self) -> None:
@@ -147,7 +147,7 @@ class Limits:
         path_rad, path_s: a joint that is farther than this from what it was sent, for this long,
             stops the run.
         silent_s: the longest time between two commands to something real; pauses of a simulation,
-            or of a dry run, harm nobody.
+            or of a dry run, do no harm.
     """
 
     margin_rad: float = 0.0

@@ -43,7 +43,7 @@ class ReplayWorld(JointBus):
         drives = Drives.of(robot.source.legs(servo or robot.servo))
         if tuple(plan["joints"]) != drives.joints:
             raise InvalidInput(
-                f"{path}: expected a log of a robot with joints {drives.joints[0]} …, got another's"
+                f"{path}: expected a log of a robot with joints {drives.joints[0]} …, got a log of another robot"
             )
         rate_hz, sees = _rate(plan["rate_hz"], path), bool(plan.get("sees", True))
         super().__init__(robot, servo, _loops(plan, drives, path), rate_hz, senses=sees)
@@ -119,7 +119,7 @@ def _loops(plan: Mapping[str, Any], drives: Drives, path: str | Path) -> Drives:
         table(plan.get(name), (len(drives.joints),), f"{path}: {name}") for name in names
     )
     if not (stiffness > 0.0).all():
-        raise InvalidInput(f"{path}: stiffness_nm_rad: expected numbers above 0, got others")
+        raise InvalidInput(f"{path}: stiffness_nm_rad: expected numbers above 0, got other values")
     return replace(
         drives,
         stiffness_nm_rad=stiffness,
@@ -220,7 +220,7 @@ class HardwareWorld(JointBus):
         targets = np.asarray(targets_rad, dtype=float)
         if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
             raise InvalidInput(
-                f"targets_rad: expected {len(self.joints)} finite numbers, got others"
+                f"targets_rad: expected {len(self.joints)} finite numbers, got other values"
             )
         can = self.capabilities
         most = can.velocity_rad_s / self.rate_hz

@@ -163,8 +163,8 @@ class MujocoWorld(SimulatedWorld):
         return spec.compile() if self.contact is None else self._softened(spec)
 
     def scene(self, terrain: Terrain, origin_m: Array) -> Any:
-        """The robot over a terrain, an MjSpec that nobody compiled yet, whose origin is at this place
-        of the terrain's, shape (3,) [m].
+        """The robot over a terrain, an MjSpec before compilation, with its origin at this place of
+        the terrain, shape (3,) [m].
         """
         spec = self._spec(
             self.body.apart if self._touching is None else (*self.body.apart, *self._touching)

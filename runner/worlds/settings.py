@@ -147,11 +147,11 @@ class WorldSettings:
 
     Arguments:
         robot: who moves.
-        servo: of its drawn-up legs; the robot's own where None is given.
+        servo: servo of drawn-up legs; None for the robot's own.
         gravity_m_s2: what pulls.
-        rate_hz: targets a second, None for what is usual in that world.
+        rate_hz: targets per second, None for the world's usual rate.
         setup: the file that a world is made from, None where none was given.
-        imperfections: of a simulated robot.
+        imperfections: imperfections of a simulated robot.
         contact: ground of a simulation that yields, None for hard ground.
         actuators: what turns its joints, None for what the robot's file, or the device's, says.
         estop: how an e-stop that the set-up file names is known to work before the robot is armed.

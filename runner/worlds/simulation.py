@@ -433,7 +433,7 @@ class SimulatedWorld(JointBus):
         """Send position targets, shape (J,) [rad].
 
         Arguments:
-            loads_rad: told to drives apart from the angles, which alone are held within limits. The
+            loads_rad: sent to drives apart from the angles, which alone are held within limits. The
                 first of them were in the targets before.
         """
         period_s = 1.0 / self.rate_hz

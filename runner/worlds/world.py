@@ -130,7 +130,7 @@ class JointBus(ABC):
         drives: the loops of its joints, whose names, limits and order count.
         rate_hz: targets per second.
         senses: the body's pose and contact forces are measured.
-        gravity_m_s2: what pulls, None where nobody knows better than the plan.
+        gravity_m_s2: gravity, None for the plan's.
 
     kind: "hardware" unless a world says that it is not; that moves only when armed. lacks: what it cannot do as the robot has it.
     alone: what stops the robot where its host is silent or gone. latch: a device asks it directly
@@ -211,7 +211,7 @@ class JointBus(ABC):
     def stop(self, *, torque_off: bool = False) -> str:
         """Send nothing any more, and say what may still move the robot, empty where nothing may.
 
-        Joints keep what they were told last. Where an arming was interrupted, the torque is as it was
+        Joints keep their last targets. Where an arming was interrupted, the torque is as it was
         before it. Raises HardwareFault where that cannot be made sure of.
 
         Arguments:
@@ -276,7 +276,7 @@ def check_world(world: Any) -> None:
             )
     checked(getattr(world, "rate_hz", None), f"world {name}: rate_hz", above=0.0)
     if not world.joints == world.drives.joints == world.capabilities.joints:
-        raise InvalidInput(f"world {name}: joints: expected those of its drives, got others")
+        raise InvalidInput(f"world {name}: joints: expected those of its drives, got other names")
 
 
 EXPECTED = "a JointBus (kind, make, connect, send, read, close; of hardware, and of that alone, arm and stop)"
@@ -300,7 +300,7 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
             finite = value.shape == shape and bool(np.isfinite(value).all())
         except (TypeError, ValueError):
             raise HardwareFault(
-                f"world {name}: expected numbers in {attribute}, got others"
+                f"world {name}: expected numbers in {attribute}, got other values"
             ) from None
         if value.shape != shape:
             raise HardwareFault(
@@ -308,7 +308,7 @@ def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
             )
         if not finite:
             raise HardwareFault(
-                f"world {name}: expected finite measurements, got others in {attribute}"
+                f"world {name}: expected finite measurements, got other values in {attribute}"
             )
 
 

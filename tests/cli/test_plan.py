@@ -299,7 +299,7 @@ terrain: {kind: flat, friction: 0.6}
 
 def test_the_papers_own_gait_is_planned_and_judged_and_not_run(stancekit, refusal):
     """Decision 0006: only its frames can be checked, and nobody can execute it."""
-    said = "groups within their limits; cannot be executed: nobody carries between frames"
+    said = "groups within their limits; cannot be executed: no limb carries between frames"
     Path("gall.yaml").write_text(GAIT_ALL)
     planned = stancekit("plan", "gall.yaml", "--out", "gall.json")
     assert (planned.code, planned.err) == (0, "")
@@ -309,7 +309,7 @@ def test_the_papers_own_gait_is_planned_and_judged_and_not_run(stancekit, refusa
     assert f"{said}; joints: checked; torque: checked; bodies: checked" in verified.out
     for verb in ("run", "simulate"):
         assert (
-            "expected a plan that can be executed, this one cannot: nobody carries between frames"
+            "expected a plan that can be executed, this one cannot: no limb carries between frames"
             in refusal(verb, "gall.json")
         )
 

@@ -296,7 +296,7 @@ def test_a_shard_with_other_rows_than_it_says_is_refused(copied: Path) -> None:
     opened = ledger.Ledger.open(copied)
     timing = opened.timings()[0]
     ledger.write_shard(copied, opened.read(0).slice(1), opened.tallies[0], timing)
-    message = "expected 6 rows of the columns of stancekit/shard/1, got others"
+    message = "expected 6 rows of the columns of stancekit/shard/1, got other rows"
     assert refusal(copied) == f"{copied}/shard-00000.parquet: {message}"
 
 

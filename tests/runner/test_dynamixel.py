@@ -272,7 +272,7 @@ def test_a_port_has_one_owner_and_must_be_one(
 ) -> None:
     world.connect(*STILL)
     for port, why in {
-        bus.path: "expected a free port, somebody else has it open",
+        bus.path: "expected a free port, another program has it open",
         str(tmp_path / "absent"): "expected a serial port, found nothing there",
         str(tmp_path): "Is a directory",
     }.items():

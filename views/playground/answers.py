@@ -40,7 +40,7 @@ _QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
 """Time, nodes and steps of SCP of the search over patches while the scene is changed, for each
 share."""
 _PATIENT_S = 60.0
-"""Time for all of an answer when nobody changes it any more: that of ``stancekit plan``."""
+"""Time for all of an answer once the scene stays unchanged: that of ``stancekit plan``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -225,9 +225,7 @@ def _answer(
         else float(outcome.solution.provenance.get("friction_share", 1.0))
     )
     if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
-        message = (
-            f"laid out in another way than asked for, over which no plan was accepted: {layout}"
-        )
+        message = f"laid out differently, since no plan was accepted as asked: {layout}"
     return SceneAnswer(
         course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
         status=outcome.status,
@@ -375,8 +373,8 @@ class Session:
 
         Raises what ``edit`` raises.
 
-        An edit that takes a while, as loading a robot, keeps nobody else from changing the scene:
-        it is done again on what is the newest then, and what others change meanwhile stays.
+        A slow edit, such as loading a robot, does not block others: it is repeated on the newest
+        scene, and keeps their changes.
         """
         while True:
             with self._news:
@@ -432,9 +430,7 @@ class Session:
         return self._closed or self._number != self._answered or self._verdict is not None
 
     def _patience_s(self) -> float | None:
-        """Until the scene counts as one that nobody changes any more; None where there is nothing
-        to wait for.
-        """
+        """Time until the scene counts as settled; None where there is nothing to wait for."""
         if self._judge is None or self._judged == self._number or self._number != self._answered:
             return None
         return max(self._rest_s - (time.perf_counter() - self._since), 0.001)

@@ -55,7 +55,7 @@ class Controls:
         self._folder = server.gui.add_folder("Scene")
 
     def update(self, sliders: Sequence[Slider], grips: Sequence[Grip]) -> None:
-        """Show what may be changed now; what somebody holds stays where they hold it."""
+        """Show what may be changed now; a grip that is being dragged stays where it is."""
         for key in set(self._sliders) - {slider.key for slider in sliders}:
             self._sliders.pop(key).remove()
         for slider in sliders:
@@ -381,9 +381,7 @@ def loads(plan: Plan, now: Samples, solver: Kinematics | None) -> list[LimbLoad]
 
 
 def cone_share(force_n: Array, normal: Array, friction: float) -> float:
-    """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for a force that is
-    none.
-    """
+    """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for no force."""
     pressed = float(force_n @ normal)
     aside = float(np.linalg.norm(force_n - pressed * normal))
     if pressed < _CARRIES_N:

@@ -1,4 +1,4 @@
-"""A playground on a port of this machine, until somebody ends it."""
+"""A playground on a port of this machine, until it is ended."""
 
 from __future__ import annotations
 
@@ -129,9 +129,9 @@ def may_connect(origin: str | None, host: str | None, names: frozenset[str]) -> 
 
     Arguments:
         origin, host: headers of the request.
-        names: of this machine. A page of another scheme, host or port is foreign, and so is a
-            request that does not say whose it is. A name that is not ours is one that somebody
-            else's name server has pointed at us.
+        names: names of this machine. A page of another scheme, host or port is foreign, and so is a
+            request that does not say whose it is. A foreign name means that another name server
+            points at this machine.
     """
     if origin is None or host is None or origin.lower() != f"http://{host.lower()}":
         return False
@@ -384,7 +384,7 @@ class Page:
 
 
 def check_port(host: str, port: int) -> None:
-    """Raise InvalidInput where nobody can listen, or without viser."""
+    """Raise InvalidInput for a port that cannot be listened at, or without viser."""
     viser_module()
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]

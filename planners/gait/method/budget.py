@@ -70,7 +70,7 @@ class Checkpoint:
         return bool(self._points or self.pieces)
 
     def keep_pieces(self, pieces: Sequence[str], samples: Mapping[str, Array]) -> None:
-        """Note what became of all pieces so far, and write it."""
+        """Record the results of all pieces so far, and write them."""
         self.pieces, self.samples = tuple(pieces), samples
         self._write()
 

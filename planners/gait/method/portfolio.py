@@ -560,13 +560,13 @@ class Caps:
     """Caps on the cost of a plan.
 
     Arguments:
-        iterations: of one solve that looks for a feasible point.
+        iterations: iterations of a solve for a feasible point.
         solve_s, total_s: CPU time of one solve, and of all that is done, verdicts between solves
             among it [s].
-        total_iterations: of all solves, None for no such limit; with times that are never met, a
-            walk is the same on a busy computer.
+        total_iterations: iterations of all solves, None for no limit; with times that are never
+            met, a walk is the same on a busy computer.
         densifications: how often rows are added.
-        smoothing: of the second phase.
+        smoothing: limit of the second phase.
         in_subprocess: solves in child processes that are ended at ten times solve_s by the clock,
             since a solver may hang.
     """
@@ -599,12 +599,12 @@ class Attempts:
     """The attempts at a walk, in their order.
 
     Arguments:
-        walk: that was asked for.
-        attempts: with the best trajectory of each, accepted or not.
+        walk: the walk to find.
+        attempts: all attempts, each with its best trajectory, accepted or not.
         feasible: the verifier's report on the first feasible point of each, before the second
             phase, None for none.
-        solves: every one in its order.
-        failures: of attempts that could not begin, for example for a terrain that no map fits.
+        solves: all solves, in order.
+        failures: reasons of attempts that could not begin, for example a terrain that no map fits.
         stopped: the caller asked it to end.
     """
 

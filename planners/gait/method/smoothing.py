@@ -34,9 +34,9 @@ class Smoothing:
     """Settings of smoothing.
 
     Arguments:
-        rounds: at most.
-        iterations: of the solver on the cost in each.
-        repair: to be feasible again.
+        rounds: most rounds.
+        iterations: the solver's iterations on the cost in each.
+        repair: the solver's iterations to become feasible again.
         costs: weights of the terms, the first of the distance from the feasible point.
         enough_g: a peak acceleration that needs no more rounds [g].
         gain: least share by which a round has to lower the peak for another one to follow, which

@@ -1,5 +1,4 @@
-"""Solves in a child process with an alarm: a linear solver can hang far beyond any limit that IPOPT
-is told.
+"""Solves in a child process with an alarm: a linear solver can hang far beyond IPOPT's own limit.
 
 The child is a copy of this process (fork), so a program that was compiled here is ready there; what
 comes back is the solution's arrays. Where there is no fork the solve runs here, without an alarm.

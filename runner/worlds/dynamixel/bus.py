@@ -151,9 +151,7 @@ class ServoBus:
         return sorted(map(int, ids))
 
     def listen(self) -> bool:
-        """Tell whether nothing comes that nobody asked for; an adapter that sends back what it is
-        sent is noticed.
-        """
+        """Tell whether the bus is quiet; an adapter that echoes what it is sent is noticed."""
         ping = bytes(self._packet_of_ping())
         with self._talking():
             handler = self._handler
@@ -206,7 +204,7 @@ class ServoBus:
     def write_all(
         self, register: Register, values: NDArray[Any] | Sequence[int], *, stopping: bool = False
     ) -> None:
-        """One field of all servos at once; nobody answers.
+        """Write one field of all servos at once, without answers.
 
         Raises HardwareFault where the port is gone, Stopped.
 
@@ -375,7 +373,7 @@ def _why(error: BaseException) -> str:
     if number is None and error.__context__ is not None:  # pyserial hides what the terminal said
         return _why(error.__context__)
     if number in (errno.EAGAIN, errno.EBUSY):
-        return "expected a free port, somebody else has it open"
+        return "expected a free port, another program has it open"
     if "multiple access" in str(
         error
     ):  # pyserial read nothing where there should have been something

@@ -146,13 +146,13 @@ class JointServo:
     """One servo. angle = direction · (tick − zero_tick) · 2π / 4096.
 
     Arguments:
-        id: on the bus.
-        zero_tick: what the servo reads where the joint's angle is 0.
-        direction: 1 or −1, whether both turn the same way.
-        lower_rad, upper_rad: of the joint, where the frame or its cables end.
-        current_a: most that the servo may draw, which limits its torque.
-        rest_rad: the joint's angle where the robot rests without torque, None where that is not
-            known; a robot found elsewhere is calibrated wrong.
+        id: number of the servo on the bus.
+        zero_tick: its reading at joint angle 0.
+        direction: −1 if servo and joint turn opposite ways.
+        lower_rad, upper_rad: limits of the joint, by its frame and cables.
+        current_a: largest current, which limits the torque.
+        rest_rad: joint angle at which the robot rests without torque, if known; a robot found
+            elsewhere is calibrated wrong.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -184,14 +184,15 @@ class Calibration(SetupFile):
     """All servos of a robot.
 
     Arguments:
-        port, baud: where they are.
-        model: all of one, a name in ``control_table.MODELS``.
-        watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms.
-        latency_ms: of the adapter; an answer that takes longer is asked for again.
-        p_gain: Position P Gain, how stiff the servos are.
-        desk: the servos lie on a desk or the robot hangs, so that they carry nothing, and plans for
-            all of its torques may be run: they are sent where joints are to be, and no loads.
-        joints: by their names.
+        port: serial port of the bus.
+        baud: its rate [bit/s].
+        model: model of all servos.
+        watchdog_s: silence on the bus after which a servo stops by itself, in steps of 20 ms.
+        latency_ms: latency of the adapter; a servo that answers later is asked again.
+        p_gain: Position P Gain, the servos' stiffness.
+        desk: true if the servos lie on a desk or the robot hangs: without load, plans of any torque
+            may be run, and the servos are sent positions alone.
+        joints: servos by the joints' names.
     """
 
     format: Literal["stancekit/servos/1"] = FORMAT

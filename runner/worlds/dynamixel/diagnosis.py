@@ -147,7 +147,7 @@ _LATE_MS = 125.0
 _CALM_S = 0.15
 """So long nothing may come before a servo is asked how long it takes to answer."""
 _BACK = "no answers came for a while, and now they do: did the adapter, or its cable, hang?"
-BABBLE = "bytes come without end, though nobody was asked: is another program, or a faulty servo, on the bus?"
+BABBLE = "bytes come without end, though no servo was asked: is another program, or a faulty servo, on the bus?"
 
 
 def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
@@ -196,7 +196,7 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
     """Raise an error that says why these servos, by index, answer no ping before anything was set
     up.
 
-    Where nobody answers, other baud rates are tried. Raises InvalidInput where the calibration file
+    Without any answer, other baud rates are tried. Raises InvalidInput where the calibration file
     is to be changed, HardwareFault else.
     """
     damaged = next((index for index in silent[:_BLAMED] if _pinged(bus, index) == CORRUPT), None)

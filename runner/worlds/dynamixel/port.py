@@ -1,5 +1,5 @@
-"""The serial port of ``dynamixel-sdk``, for one owner, on a clock that nobody sets. Imported where
-a bus is opened.
+"""The serial port of ``dynamixel-sdk``, for one owner, on a clock that cannot be set. Imported
+where a bus is opened.
 """
 
 from __future__ import annotations

@@ -49,7 +49,7 @@ class RosLink:
     def open(self) -> None:
         """Connect.
 
-        Raises InvalidInput where nobody answers, or somebody who does not speak WebSocket.
+        Raises InvalidInput for a host that does not answer, or does not speak WebSocket.
         """
         try:
             socket.create_connection(self._address, timeout=self.timeout_s).close()
@@ -110,9 +110,7 @@ class RosLink:
             self._publisher(topic, kind).publish(message)
 
     def advertise(self, topic: str, kind: str) -> None:
-        """Say that something will be published: what follows at once waits for subscribers, or is
-        lost on them.
-        """
+        """Advertise a topic: messages that follow at once wait for subscribers, or are lost."""
         self._publisher(topic, kind).advertise()
 
     def unadvertise(self, topic: str) -> None:

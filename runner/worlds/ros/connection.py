@@ -17,8 +17,9 @@ class Connection(Ros):  # type: ignore[misc]  # roslibpy has no types
     """A connection to a rosbridge, begun at once and never begun anew.
 
     Arguments:
-        complain: told of a message that cannot be read, and of an error that the rosbridge reports.
-        lose: told that something could not be sent. Both are called in the thread that reads, or
+        complain: called with a message that cannot be read, and with an error that the rosbridge
+            reports.
+        lose: called when something could not be sent. Both are called in the thread that reads, or
             that sends.
     """
 

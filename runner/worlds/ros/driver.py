@@ -117,8 +117,8 @@ class RosWorld(HardwareWorld):
     def _switched_on(self) -> None:
         """Have the controller hold the measured pose, switched on if the setup names its manager.
 
-        Raises InvalidInput for an e-stop that would not be heard, where somebody else moves the
-        joints, and for a controller that takes no commands.
+        Raises InvalidInput for an e-stop that would not be heard, for joints that another node
+        moves, and for a controller that takes no commands.
         """
         period_s = 1.0 / self.rate_hz
         self._robot.wake(period_s)

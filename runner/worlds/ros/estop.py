@@ -82,7 +82,7 @@ class Estop:
             self._asked_s = now
             self._graph.watch_publishers(self.topic, self._publishers)
         if self._watched and self._publishers and not self._publishers[-1]:
-            return f"e-stop {self.topic}: nobody publishes it any more"
+            return f"e-stop {self.topic}: it has no publisher any more"
         times = self._times
         if len(times) > _REGULAR:
             period_s = max(b - a for a, b in pairwise(times))
@@ -117,7 +117,7 @@ class Estop:
         if publishers and kind:
             return f"expected {BOOL}, it is {kind}{hint}"
         why = (
-            "nobody publishes it"
+            "it has no publisher"
             if publishers == []
             else "nothing heard, and no rosapi to ask who publishes it"
         )

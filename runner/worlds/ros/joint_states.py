@@ -56,7 +56,7 @@ class RobotClock:
             return min(arrival_s, stamp_s + self._offset_s())
 
     def at(self, time_s: float) -> float | None:
-        """The robot's time [s] at a time of ours, a little early; None where it cannot be told."""
+        """The robot's time [s] at a local time, a little early; None if unknown."""
         with self._lock:
             if len(self._heard) < _FEW or not self._steady():
                 return None
@@ -155,7 +155,7 @@ class JointStates:
             return
         rows = [_list(message, key) for key in ("position", "velocity", "effort")]
         if len(rows[0]) != len(names):
-            raise InvalidInput(f"expected {len(names)} positions, one a name, got {len(rows[0])}")
+            raise InvalidInput(f"expected {len(names)} positions, one per name, got {len(rows[0])}")
         now = time.monotonic()
         key = tuple(sorted(names[k] for k in mine))
         if len(self._clocks) < _PUBLISHERS:
@@ -387,7 +387,7 @@ class ControllerState:
         return None
 
     def busy(self) -> str | None:
-        """Why nobody should send it anything now: it moves joints already.
+        """Reason to send nothing now: it moves joints already.
 
         None where it does not.
         """

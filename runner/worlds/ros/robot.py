@@ -70,7 +70,7 @@ class _ControllerManager:
     def switch(self, on: bool, sending: AbstractContextManager[None] | None = None) -> None:
         """Switch the controller on or off, within ``sending``.
 
-        Raises HardwareFault where that is refused, or nobody is there to ask.
+        Raises HardwareFault where that is refused, or the manager is not there.
         """
         manager, ros = self._setup.controller_manager, self._setup.ros
         if manager is None:
@@ -132,7 +132,7 @@ _STILL_S, _REST_S = 0.15, 1.0
 _AGAIN_S = 0.5
 """A command that arms it is sent again so long after it should have been acted on."""
 _FORGOTTEN_S = 10.5
-"""A rosbridge goes on publishing what nobody advertises any more for 10 s."""
+"""A rosbridge publishes a topic for 10 s after its last advertiser left."""
 _NOTICED_RAD = 9e-7
 """A controller says that it wants a joint so far away, and no joint turns by so little."""
 _JOINT_STATE, _STATE = (
@@ -449,7 +449,7 @@ class RosRobot:
     def switch(self, on: bool) -> None:
         """Switch the controller on or off.
 
-        Raises HardwareFault where that is refused, or nobody is there to ask; and Stopped after a
+        Raises HardwareFault where that is refused, or the manager is not there; and Stopped after a
         stop, for on.
         """
         self.manager.switch(on, self.latch.sending() if on else None)
@@ -498,7 +498,7 @@ class RosRobot:
         return message
 
     def _heard_as_other(self, topic: str) -> bool:
-        """Tell whether somebody publishes joint states of the other version of ROS."""
+        """Tell whether joint states of the other version of ROS are published."""
         if self.setup.ros == 1:
             return False  # a rosbridge of ROS 2 takes the names of ROS 1
         heard = list[Any]()

@@ -36,16 +36,17 @@ class RosSetup(SetupFile):
     """A robot behind a rosbridge.
 
     Arguments:
-        host, port: of the rosbridge.
-        ros: 1 or 2, which name and stamp messages otherwise.
-        controller: a joint trajectory controller.
-        joint_states: where angles are published.
-        estop: topic of std_msgs/Bool, true for pressed; None for none.
-        controller_manager: switches the controller off, as near as ROS comes to torque off.
-        lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and
-            goes on no longer when the connection is lost.
-        stale_s: oldest measurement that is good enough.
-        timeout_s: for answers.
+        host: host of the rosbridge.
+        port: its port.
+        ros: version of ROS, by which messages are named and stamped.
+        controller: name of a joint trajectory controller.
+        joint_states: topic of the joint angles.
+        estop: topic of std_msgs/Bool, true for pressed.
+        controller_manager: manager that switches the controller off, the nearest to torque off.
+        lead_s: time from sending a target to reaching it; motion lags by it, and ends within it
+            when the connection is lost.
+        stale_s: largest age of a measurement.
+        timeout_s: time to wait for an answer.
     """
 
     format: Literal["stancekit/ros/1"] = FORMAT
