@@ -306,36 +306,46 @@ def _arrange(contacts: Any, balanced: Any, space: Any) -> None:
         balanced: b and S.
         space: zeros where nothing was written.
     """
-    (A, bounds, e, rows, axes), S, row = space, balanced, 0
+    (A, bounds, e, rows, axes), S = space, balanced
     i = 0 if S[0][1] != 0.0 else 3
     j, size = i + 1, S[i][1] * S[i + 1][2] - S[i][2] * S[i + 1][1]
     rows[4][i], rows[4][j] = S[j][2] / size, -S[i][2] / size
     rows[5][i], rows[5][j] = -S[j][1] / size, S[i][1] / size
-    for a in range(6):
-        if a < i or a > j:
-            for c in range(6):
-                rows[row][c] = -S[a][1] * rows[4][c] - S[a][2] * rows[5][c]
-            rows[row][a] += 1.0
-            row += 1
-    for a in range(6):
-        e[a] = 0.0
+    for row, a in enumerate((2, 3, 4, 5) if i == 0 else (0, 1, 2, 5)):
         for c in range(6):
-            e[a] += rows[a][c] * S[c][0]
+            rows[row][c] = (1.0 if a == c else 0.0) - S[a][1] * rows[4][c] - S[a][2] * rows[5][c]
+    for a in range(6):
+        e[a] = (
+            rows[a][0] * S[0][0]
+            + rows[a][1] * S[1][0]
+            + rows[a][2] * S[2][0]
+            + rows[a][3] * S[3][0]
+            + rows[a][4] * S[4][0]
+            + rows[a][5] * S[5][0]
+        )
     for b in range(len(contacts)):
         p, q, r, friction = contacts[b][0], contacts[b][1], contacts[b][2], contacts[b][6]
         x, y, z = contacts[b][3], contacts[b][4], contacts[b][5]
         s = 1.0 if z >= 0.0 else -1.0
         t = -1.0 / (s + z)
+        directions = (
+            (x / friction, y / friction, z / friction),
+            (1.0 + s * x * x * t, s * x * y * t, -s * x),
+            (x * y * t, s + y * y * t, -y),
+        )
         bounds[b][0], bounds[b][1] = friction * contacts[b][7], friction * contacts[b][8]
-        axes[b][0][0], axes[b][0][1], axes[b][0][2] = x / friction, y / friction, z / friction
-        axes[b][1][0], axes[b][1][1], axes[b][1][2] = 1.0 + s * x * x * t, s * x * y * t, -s * x
-        axes[b][2][0], axes[b][2][1], axes[b][2][2] = x * y * t, s + y * y * t, -y
-        for k in range(3):
-            x, y, z = axes[b][k][0], axes[b][k][1], axes[b][k][2]
+        for k, (x, y, z) in enumerate(directions):
+            axes[b][k][0], axes[b][k][1], axes[b][k][2] = x, y, z
             u, v, w = q * z - r * y, r * x - p * z, p * y - q * x
             for a in range(6):
-                force = rows[a][0] * x + rows[a][1] * y + rows[a][2] * z
-                A[b][a][k] = force + rows[a][3] * u + rows[a][4] * v + rows[a][5] * w
+                A[b][a][k] = (
+                    rows[a][0] * x
+                    + rows[a][1] * y
+                    + rows[a][2] * z
+                    + rows[a][3] * u
+                    + rows[a][4] * v
+                    + rows[a][5] * w
+                )
 
 
 def _stances(
@@ -345,25 +355,20 @@ def _stances(
 
     Arguments:
         contacts, balanced: as of ``_arrange``, of all.
-        which: number of contacts of each, and whether it is asked.
-        found: bounds, multipliers, forces, ends in turn, and directions.
+        which: number of contacts of each, the first behind them, and the stances that are asked.
+        found: bounds, multipliers, forces, and ends in turn.
     """
-    (space, room, ends, own), last = spaces, 0
-    (lower, upper, multiplier, forces, points, direction), (counts, wanted) = found, which
-    A, bounds, e, rows, axes = space
-    for i in range(len(counts)):
-        first, last = last, last + counts[i]
-        if not wanted[i]:
-            continue
-        n, out, w = counts[i], forces[first:last], own[1]
-        _arrange(contacts[first:last], balanced[i], space)
+    (space, room, ends, own), (A, bounds, e, rows, axes) = spaces, spaces[0]
+    (counts, behind, asking), (lower, upper, multiplier, forces, points) = which, found
+    for i in asking:
+        n, last = counts[i], behind[i]
+        part, out = contacts[last - n : last], forces[last - n : last]
+        _arrange(part, balanced[i], space)
         lower[i], upper[i], count = _stance(
-            A[:n], bounds[:n], e, asked, balance, room, ends, w, (own[0], out)
+            A[:n], bounds[:n], e, asked, balance, room, ends, own[1], (own[0], out)
         )
         for k in range(count):
-            end = ends[2][ends[3][k]]
-            points[i][k][0], points[i][k][1] = end[0], end[1]
-        direction[i][0], direction[i][1] = own[0][4], own[0][5]
+            points[i][k][0], points[i][k][1] = ends[2][ends[3][k]][0], ends[2][ends[3][k]][1]
         for c in range(6):
             for a in range(6):
                 multiplier[i][c] += own[0][a] * rows[a][c]
@@ -541,6 +546,7 @@ class Stances:
         """The bounds, with so many rows of the balance (``_stance``)."""
         rest = [each[:, None] for each in (self.friction, self.low, self.high)]
         N, n, most = len(self.counts), int(self.counts.max()), max(int(asked[3]), MOST)
+        asking = np.arange(N) if which is None else np.flatnonzero(which)
         spaces = (
             ((n, 6, 3), (n, 2), (6,), (6, 6), (n, 3, 3)),
             ((n, 8), (n, 8), (6,), (6, 6), (n, 9)),
@@ -551,7 +557,7 @@ class Stances:
         given = (
             np.concatenate([self.arms_m, self.normals, *rest], axis=1),
             np.concatenate([self.borne[:, :, None], shifts], axis=2),
-            (self.counts, np.ones(N, dtype=bool) if which is None else which),
+            (self.counts, self.counts.cumsum(), asking),
             np.array(asked),
             balance,
             (space, room, (*ends, np.zeros(most, dtype=np.int64), np.zeros(most)), own),
@@ -561,19 +567,17 @@ class Stances:
                 np.zeros((N, 6)),
                 np.zeros(self.arms_m.shape),
                 np.full((N, most, 2), math.nan),
-                np.zeros((N, 2)),
             ),
         )
-        many = np.count_nonzero(given[2][1]) > MANY
-        fast = compiled() if many or compiled.cache_info().currsize else None
+        fast = compiled() if len(asking) > MANY or compiled.cache_info().currsize else None
         if fast is None:
             given = _lists(given)
         (fast or _stances)(*given)
-        lower, upper, multiplier, forces, points, direction = map(np.asarray, given[-1])
+        lower, upper, multiplier, forces, points = map(np.asarray, given[-1])
         return Margins(
             lower=lower,
             upper=upper,
-            direction=direction,
+            direction=(multiplier[:, None] @ shifts)[:, 0],
             forces=forces,
             multiplier=multiplier,
             ends=points,
