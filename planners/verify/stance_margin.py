@@ -47,7 +47,7 @@ MANY, MOST, STEPS, HALVINGS = 40, 32, 60, 5
 """Stances from which on the loops are compiled, where numba is installed; most directions that are
 tried; most steps to an end or a proof; halvings of the interval in which the least share of the
 friction is sought."""
-AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-5
+AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-4
 """Part of the tolerance to which an end is sought; part of the complementarity that a whole step
 leaves; part of the way to the border of the cones that a step goes; complementarity from which an end
 is sought, where the middle's is 1; gap with which an end is taken where steps go no further."""
