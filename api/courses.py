@@ -29,7 +29,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Method, Planner, PlanSettings
 from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier
-from stancekit.planners.search.plan_course import LayOut, plan_course
+from stancekit.planners.search.plan_course import LayOut, firmest, plan_course
 from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 from stancekit.planners.verify.margins import with_margins
@@ -174,16 +174,20 @@ def _answer(
 
     Raises NoPlace or PlanningFailed where nothing can be laid out between no two places.
     """
-    by_frames = partial(
+    search = partial(
         plan_course,
         question,
-        planner,
         limits=settings.body,
         push_n=settings.push_n,
         wrench=None if settings.wrench is None else wrench_of(settings.wrench),
         layouts=ALTERNATIVES,
         kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
         progress=progress,
+    )
+    by_frames: Callable[..., Answer[Plan]] = (
+        partial(firmest, search, planner)
+        if settings.prefer_margin
+        else partial(search, planner=planner)
     )
     from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
 

@@ -456,6 +456,9 @@ class PlanCourse:
     margins: bool = False
     """Say how large a push every stance of the plan bears, how far the centre of mass may move, and
     how much of the friction is needed."""
+    prefer_margin: bool = False
+    """Prefer postures with more margin: the plan whose stances bear the largest push, up to 40 % of
+    the weight, while there is time. two-stage."""
     wrench: OptionalWrench = None
     """Force on the body beside its weight at every key frame [N], and moment about the centre of
     mass [Nm], in world axes: a payload, wind, a rope. The plan carries it; a course that cannot be
@@ -602,6 +605,7 @@ class PlanCourse:
                 ),
                 push_n=self.push_n,
                 margins=self.margins,
+                prefer_margin=self.prefer_margin,
                 wrench=wrench_numbers(self.wrench),
                 standing=self.between.map,
                 leaps=self.leaps,

@@ -322,13 +322,18 @@ def quick(planner: Planner, *, hasty: bool = False) -> Planner:
     return planner
 
 
+def knows_pushes(planner: Planner) -> bool:
+    """Tell whether a planner plans for pushes: two-stage alone, over the lift."""
+    return isinstance(planner, TwoStage) and planner.envelopes is None
+
+
 def check_push(course: Problem, planner: Planner) -> None:
     """Raise InvalidInput where a course asks for a push and the planner knows none, or no posture
     can bear it.
     """
     if course.push_n == 0.0:
         return
-    if not (isinstance(planner, TwoStage) and planner.envelopes is None):
+    if not knows_pushes(planner):
         over = " over envelopes" if planner.name == TwoStage.name else ""
         raise InvalidInput(
             f"push_n: expected 0 N with {planner.name}{over}, got {course.push_n:g} N: "

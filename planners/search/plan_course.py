@@ -39,8 +39,17 @@ from ..projection.held import PRESSES, PUSHES, pushed
 from ..projection.whole_body import WholeBodyLimits
 from ..robot.model import hexapod
 from ..verify.geometry import LEAST_PUSH
+from ..verify.margins import borne_share
 from .answer import Planner
-from .friction_margin import SHARES, check_push, in_time, plan_with_reserve, quick, slippery
+from .friction_margin import (
+    SHARES,
+    check_push,
+    in_time,
+    knows_pushes,
+    plan_with_reserve,
+    quick,
+    slippery,
+)
 from .pieces import (
     AT_ONCE,
     Detour,
@@ -74,10 +83,10 @@ _SEARCH = 0.75
 judged."""
 _ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
-_CUTS, _CLEAR, _ANEW, _FIRM = 5, 2, 0.5, 0.5
+_CUTS, _CLEAR, _ANEW, _FIRM, _FIRMEST = 5, 2, 0.5, 0.5, (0.4, 0.3, 0.2, 0.1)
 """So often contacts are searched anew with room for legs that went through walls, and then at places where
-legs are clear of them, at most; the fraction of the time that each such search has; and that of it for
-contacts that bear a push."""
+legs are clear of them, at most; the fraction of the time that each such search has; that of it for
+contacts that bear a push; and the shares of the weight of pushes that are preferred, the largest first."""
 _NEARER, _LOOKS = 0.9, 0.6
 """Contacts are searched anew while plans are nearer to holding by so much than those before, and no
 longer than this fraction of the time once there is one that can be bent."""
@@ -185,6 +194,41 @@ def plan_course(
             between("inner")  # which says where in the world
         raise
     return outcome if between is None else _moved_back(outcome, between)
+
+
+def firmest(
+    search: Callable[..., Answer[Plan]], planner: Planner, *, deadline: float
+) -> Answer[Plan]:
+    """The answer of a search; of those that are accepted the one whose stances bear the largest
+    push of ``_FIRMEST``, while there is time.
+
+    Arguments:
+        search: ``plan_course`` of a question, which takes ``planner``, ``push_n`` and a deadline.
+
+    Raises:
+        InvalidInput: for a planner that knows no pushes.
+    """
+    from .witness import judged  # slow to import
+
+    if not knows_pushes(planner):
+        raise InvalidInput(f"prefer_margin: expected false with {planner.name}, got true")
+    best = search(planner=planner, deadline=deadline)
+    if best.solution is None or best.status is not Status.FEASIBLE:
+        return best
+    asked, held = best.solution.problem, borne_share(best.solution, _FIRMEST)
+    for share in _FIRMEST:
+        push_n, end = share * asked.weight_n, _search_end(deadline, _FIRM)
+        if share <= held or push_n <= asked.push_n or end <= time.perf_counter():
+            break
+        firm = search(planner=quick(planner), push_n=push_n, kept=None, progress=None, deadline=end)
+        if firm.solution is not None and firm.status is Status.FEASIBLE:
+            firmer = replace(
+                firm.solution,
+                problem=replace(firm.solution.problem, push_n=asked.push_n),
+                provenance={**firm.solution.provenance, "push_share": share},
+            )
+            return judged(replace(firm, problem=firmer.problem, solution=firmer, bound=best.bound))
+    return best
 
 
 @dataclass(frozen=True, kw_only=True)

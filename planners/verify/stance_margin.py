@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cross, lengths
 from ..files.documents import shown
 from ..files.writing import cache_folder
 from ..plugins import foreign
@@ -47,7 +47,7 @@ MANY, MOST, STEPS, HALVINGS = 40, 32, 60, 5
 """Stances from which on the loops are compiled, where numba is installed; most directions that are
 tried; most steps to an end or a proof; halvings of the interval in which the least share of the
 friction is sought."""
-AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-5
+AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-4
 """Part of the tolerance to which an end is sought; part of the complementarity that a whole step
 leaves; part of the way to the border of the cones that a step goes; complementarity from which an end
 is sought, where the middle's is 1; gap with which an end is taken where steps go no further."""
@@ -294,25 +294,88 @@ def _stance(
     return lower, upper, count
 
 
+def _arrange(contacts: Any, balanced: Any, space: Any) -> None:
+    """Write A, the bounds and e of a stance, the rows E and V, and the directions of its forces
+    (``_stance``).
+
+    V inverts two rows of S, E are the four others less what V has of them. Directions across a
+    normal: Duff et al., "Building an orthonormal basis, revisited".
+
+    Arguments:
+        contacts: arm, normal, friction and bounds of each.
+        balanced: b and S.
+        space: zeros where nothing was written.
+    """
+    (A, bounds, e, rows, axes), S = space, balanced
+    i = 0 if S[0][1] != 0.0 else 3
+    j, size = i + 1, S[i][1] * S[i + 1][2] - S[i][2] * S[i + 1][1]
+    rows[4][i], rows[4][j] = S[j][2] / size, -S[i][2] / size
+    rows[5][i], rows[5][j] = -S[j][1] / size, S[i][1] / size
+    for row, a in enumerate((2, 3, 4, 5) if i == 0 else (0, 1, 2, 5)):
+        for c in range(6):
+            rows[row][c] = (1.0 if a == c else 0.0) - S[a][1] * rows[4][c] - S[a][2] * rows[5][c]
+    for a in range(6):
+        e[a] = (
+            rows[a][0] * S[0][0]
+            + rows[a][1] * S[1][0]
+            + rows[a][2] * S[2][0]
+            + rows[a][3] * S[3][0]
+            + rows[a][4] * S[4][0]
+            + rows[a][5] * S[5][0]
+        )
+    for b in range(len(contacts)):
+        p, q, r, friction = contacts[b][0], contacts[b][1], contacts[b][2], contacts[b][6]
+        x, y, z = contacts[b][3], contacts[b][4], contacts[b][5]
+        s = 1.0 if z >= 0.0 else -1.0
+        t = -1.0 / (s + z)
+        directions = (
+            (x / friction, y / friction, z / friction),
+            (1.0 + s * x * x * t, s * x * y * t, -s * x),
+            (x * y * t, s + y * y * t, -y),
+        )
+        bounds[b][0], bounds[b][1] = friction * contacts[b][7], friction * contacts[b][8]
+        for k, (x, y, z) in enumerate(directions):
+            axes[b][k][0], axes[b][k][1], axes[b][k][2] = x, y, z
+            u, v, w = q * z - r * y, r * x - p * z, p * y - q * x
+            for a in range(6):
+                A[b][a][k] = (
+                    rows[a][0] * x
+                    + rows[a][1] * y
+                    + rows[a][2] * z
+                    + rows[a][3] * u
+                    + rows[a][4] * v
+                    + rows[a][5] * w
+                )
+
+
 def _stances(
-    A: Any, bounds: Any, e: Any, which: Any, asked: Any, balance: Any, space: Any, found: Any
+    contacts: Any, balanced: Any, which: Any, asked: Any, balance: Any, spaces: Any, found: Any
 ) -> None:
     """The bounds of stances, one after the other.
 
     Arguments:
-        which: number, first and last contact of each.
+        contacts, balanced: as of ``_arrange``, of all.
+        which: number of contacts of each, the first behind them, and the stances that are asked.
         found: bounds, multipliers, forces, and ends in turn.
     """
-    (room, ends, w), (lower, upper, multiplier, forces, points) = space, found
-    for row in range(len(which)):
-        i, first, last = which[row][0], which[row][1], which[row][2]
-        part, out = A[first:last], (multiplier[i], forces[first:last])
+    (space, room, ends, own), (A, bounds, e, rows, axes) = spaces, spaces[0]
+    (counts, behind, asking), (lower, upper, multiplier, forces, points) = which, found
+    for i in asking:
+        n, last = counts[i], behind[i]
+        part, out = contacts[last - n : last], forces[last - n : last]
+        _arrange(part, balanced[i], space)
         lower[i], upper[i], count = _stance(
-            part, bounds[first:last], e[i], asked, balance, room, ends, w, out
+            A[:n], bounds[:n], e, asked, balance, room, ends, own[1], (own[0], out)
         )
         for k in range(count):
-            end = ends[2][ends[3][k]]
-            points[i][k][0], points[i][k][1] = end[0], end[1]
+            points[i][k][0], points[i][k][1] = ends[2][ends[3][k]][0], ends[2][ends[3][k]][1]
+        for c in range(6):
+            for a in range(6):
+                multiplier[i][c] += own[0][a] * rows[a][c]
+        for b in range(n):
+            x, y, z = out[b][0], out[b][1], out[b][2]
+            for c in range(3):
+                out[b][c] = axes[b][0][c] * x + axes[b][1][c] * y + axes[b][2][c] * z
 
 
 @cache
@@ -322,7 +385,7 @@ def compiled() -> Any:
         import numba.extending
     except ImportError:
         return None
-    for part in (_along, _bound, _inner, _beyond, _times, _step, _end, _nearest, _stance):
+    for part in (_along, _bound, _inner, _beyond, _times, _step, _end, _nearest, _stance, _arrange):
         numba.extending.register_jitable(error_model="numpy")(part)
     folder, before, own = cache_folder() / "numba", numba.config.CACHE_DIR, False
     with suppress(OSError):
@@ -455,17 +518,11 @@ class Stances:
             which: the stances that are asked, shape (N,); of the others nothing is known.
             first: directions that are tried in any case.
         """
-        # S = Q R: the columns of Q that are across S make E, R⁻¹ and the others V
-        turned, small = np.linalg.qr(shifts, mode="complete")
-        back = np.linalg.solve(small[:, :2], turned[:, :, :2].swapaxes(1, 2))
-        rows = np.concatenate([turned[:, :, 2:].swapaxes(1, 2), back], axis=1)
-        return self._solved(rows, (0, 1, 2, 3), (tolerance, close, decide, first), which)
+        return self._solved(shifts, (0, 1, 2, 3), (tolerance, close, decide, first), which)
 
     def hold(self) -> Array:
         """Tell of which stances forces balance, shape (N,)."""
-        found = self._solved(
-            np.eye(6) + np.zeros((len(self.counts), 1, 1)), tuple(range(6)), (0.0, 0.0, 0.0, 0.0)
-        )
+        found = self._solved(pushes(self.borne), (0, 1, 2, 3, 4, 5), (0.0, 0.0, 0.0, 0.0))
         return np.asarray(found.lower == 0.0)
 
     def friction_left(self) -> Array:
@@ -482,46 +539,48 @@ class Stances:
 
     def _solved(
         self,
-        rows: Array,
+        shifts: Array,
         balance: tuple[int, ...],
         asked: Sequence[float],
         which: NDArray[np.bool_] | None = None,
     ) -> Margins:
-        """The bounds, with so many rows of the balance (``_stance``).
-
-        Arguments:
-            rows: E and V, shape (N, 6, 6).
-        """
-        axes = np.stack([self.normals / self.friction[:, None], *_across(self.normals)], axis=2)
-        moments = cross(self.arms_m[:, None], axes.swapaxes(1, 2)).swapaxes(1, 2)
-        A = np.repeat(rows, self.counts, axis=0) @ np.concatenate([axes, moments], axis=1)
-        bounds = self.friction[:, None] * np.stack([self.low, self.high], axis=1)
-        e, ends = (rows @ self.borne[:, :, None])[:, :, 0], np.cumsum(self.counts)
-        N, n, most = len(e), int(self.counts.max()), max(int(asked[3]), MOST)
-        every = np.stack([np.arange(N), ends - self.counts, ends], axis=1)
-        asking = every if which is None else every[which]
-        spaces = ((n, 8), (n, 8), (6,), (6, 6), (n, 9)), ((n, 8), (most, n, 3), (most, 2))
-        room, places = (tuple(np.zeros(shape) for shape in part) for part in spaces)
-        places = (*places, np.zeros(most, dtype=np.int64), np.zeros(most))
-        found = (
-            np.full(N, -math.inf),
-            np.full(N, math.inf),
-            np.zeros((N, 6)),
-            np.zeros(self.arms_m.shape),
-            np.full((N, most, 2), math.nan),
+        """The bounds, with so many rows of the balance (``_stance``)."""
+        rest = [each[:, None] for each in (self.friction, self.low, self.high)]
+        N, n, most = len(self.counts), int(self.counts.max()), max(int(asked[3]), MOST)
+        asking = np.arange(N) if which is None else np.flatnonzero(which)
+        spaces = (
+            ((n, 6, 3), (n, 2), (6,), (6, 6), (n, 3, 3)),
+            ((n, 8), (n, 8), (6,), (6, 6), (n, 9)),
+            ((n, 8), (most, n, 3), (most, 2)),
+            ((6,), (6,)),
         )
-        given = A, bounds, e, asking, np.array(asked), balance, (room, places, np.zeros(6)), found
+        space, room, ends, own = (tuple(map(np.zeros, shapes)) for shapes in spaces)
+        given = (
+            np.concatenate([self.arms_m, self.normals, *rest], axis=1),
+            np.concatenate([self.borne[:, :, None], shifts], axis=2),
+            (self.counts, self.counts.cumsum(), asking),
+            np.array(asked),
+            balance,
+            (space, room, (*ends, np.zeros(most, dtype=np.int64), np.zeros(most)), own),
+            (
+                np.full(N, -math.inf),
+                np.full(N, math.inf),
+                np.zeros((N, 6)),
+                np.zeros(self.arms_m.shape),
+                np.full((N, most, 2), math.nan),
+            ),
+        )
         fast = compiled() if len(asking) > MANY or compiled.cache_info().currsize else None
         if fast is None:
             given = _lists(given)
         (fast or _stances)(*given)
-        lower, upper, multiplier, forces, points = (np.asarray(each) for each in given[-1])
+        lower, upper, multiplier, forces, points = map(np.asarray, given[-1])
         return Margins(
             lower=lower,
             upper=upper,
-            direction=multiplier[:, 4:].copy(),
-            forces=(axes @ forces[:, :, None])[:, :, 0],
-            multiplier=(multiplier[:, None] @ rows)[:, 0],
+            direction=(multiplier[:, None] @ shifts)[:, 0],
+            forces=forces,
+            multiplier=multiplier,
             ends=points,
             stances=self,
         )
@@ -560,10 +619,10 @@ def stances_from(
         with foreign(f"{name}: expected numbers of shape {wanted}, got"):
             known[name] = np.broadcast_to(np.asarray(value, dtype=float), wanted)
     within = (known["friction"] > 0.0) & (known["friction"] <= SLIPLESS)
-    reach = np.linalg.norm(known["subject"] - known["com_m"][:, None], axis=2)
+    reach = lengths(known["subject"] - known["com_m"][:, None])
     wrong = [(name, "finite numbers", ~np.isfinite(value)) for name, value in known.items()]
     wrong += [
-        ("normals", "length 1", np.abs(np.linalg.norm(known["normals"], axis=2) - 1.0) > UNIT),
+        ("normals", "length 1", np.abs(lengths(known["normals"]) - 1.0) > UNIT),
         ("friction", f"numbers above 0, up to {SLIPLESS:g}", ~within),
         ("subject", f"points within {FAR:g} m of the centre of mass, in metres", reach > FAR),
         ("low", "0 or more", known["low"] < 0.0),
@@ -571,7 +630,8 @@ def stances_from(
         ("wrench", "less lift than the weight", known["wrench"][:, 2] >= 1.0),
     ]
     for name, must, bad in wrong:
-        for row in np.flatnonzero(bad.reshape(len(plain), -1).any(axis=1))[:1]:
+        if bad.any():
+            row = np.argmax(bad.reshape(len(plain), -1).any(axis=1))
             raise InvalidInput(f"{name}[{row}]: expected {must}, got {known[name][row].tolist()}")
     return Stances(
         arms_m=(known["subject"] - known["com_m"][:, None]).reshape(-1, 3),
@@ -587,12 +647,3 @@ def _lists(given: Any) -> Any:
     if isinstance(given, tuple):
         return tuple(_lists(each) for each in given)
     return given.tolist() if isinstance(given, np.ndarray) else given
-
-
-def _across(normals: Array) -> tuple[Array, Array]:
-    """Two directions across each normal (Duff et al., "Building an orthonormal basis, revisited")."""
-    x, y, z = normals.T
-    s = np.where(z >= 0.0, 1.0, -1.0)
-    a = -1.0 / (s + z)
-    b = x * y * a
-    return np.stack([1.0 + s * x * x * a, s * b, -s * x], 1), np.stack([b, s + y * y * a, -y], 1)

@@ -117,7 +117,12 @@ def test_settings_of_a_plan_are_refused_where_they_are_none():
         with refuses(name):
             stancekit.PlanSettings(**{name: value})
     leap = "leap-hard:0"
-    for settings in ({"push_n": 1.0}, {"standing": "map.npz"}, {"checkpoint": "c.json"}):
+    for settings in (
+        {"push_n": 1.0},
+        {"prefer_margin": True},
+        {"standing": "map.npz"},
+        {"checkpoint": "c.json"},
+    ):
         with refuses(next(iter(settings))):
             stancekit.plan(leap, settings=stancekit.PlanSettings(**settings))
 

@@ -26,6 +26,7 @@ from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course, replan
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import Report, check_certificate, check_plan
+from stancekit.planners.verify.margins import stance_margins
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
 
@@ -290,3 +291,18 @@ def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Plan) -> Non
     outcome = stancekit.plan(climb.problem, Liar(climb))
     assert (outcome.status, outcome.solution) == (Status.UNDECIDED, None)
     assert_names(outcome.message, "force_balance")
+
+
+def test_a_plan_with_more_margin_is_preferred_where_it_is_asked_for() -> None:
+    """Of the same course, which asks for no push, every stance bears a larger one."""
+    prefer = stancekit.PlanSettings(prefer_margin=True)
+    plain, firm = (
+        stancekit.plan("stairs", frames=6, settings=settings).solution
+        for settings in (stancekit.PlanSettings(), prefer)
+    )
+    assert plain is not None and firm is not None  # noqa: PT018
+    assert (firm.problem.push_n, firm.provenance["push_share"]) == (0.0, 0.4)
+    pushes = [stance_margins(plan, ("push_n",))["push_n"].min() for plan in (plain, firm)]
+    assert pushes[1] > max(0.4 * firm.problem.weight_n, 1.5 * pushes[0])
+    with refuses("prefer_margin", "exact"):
+        stancekit.plan("stairs", "exact", settings=prefer)
