@@ -232,7 +232,9 @@ def margins(
         else stances_from(plan, normals, friction, com_m, low, high, wrench)
     )
     found = stances.margins(
-        pushes(stances.borne, yields_m) if push else places(stances.borne),
+        pushes(stances.borne, checked_number(yields_m, "yields_m", least=0.0))
+        if push
+        else places(stances.borne),
         tolerance=checked_number(tolerance, "tolerance", least=1e-5, most=1.0),
         close=0.0,
     )

@@ -51,7 +51,7 @@ AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-4
 """Part of the tolerance to which an end is sought; part of the complementarity that a whole step
 leaves; part of the way to the border of the cones that a step goes; complementarity from which an end
 is sought, where the middle's is 1; gap with which an end is taken where steps go no further."""
-BALANCED, UNIT, SAME, TINY = 1e-9, 1e-6, 1e-7, 1e-12
+BALANCED, UNIT, SAME, TINY = 1e-8, 1e-6, 1e-7, 1e-12
 """Forces that miss their balance by more are not used, in units of the weight and metres; a normal's
 length may differ from 1 by ``UNIT``; lengths and shares that are none."""
 SLIPLESS, FAR = 10.0, 50.0

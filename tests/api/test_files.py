@@ -137,8 +137,7 @@ def test_an_answer_is_written_with_its_own_report_or_its_certificate(problems, t
     assert stancekit.verify(tmp_path / "plan.json").accepted
     refuted = next(each for each in map(stancekit.solve, problems) if each.certificate is not None)
     stancekit.save(refuted, tmp_path / "proof.json")
-    certificate = stancekit.load(tmp_path / "proof.json")
-    assert stancekit.verify(certificate).accepted
+    assert stancekit.verify(stancekit.load(tmp_path / "proof.json")).accepted
     nothing = dataclasses.replace(answer, status=stancekit.Status.UNDECIDED, solution=None)
     with refuses("x.json"):
         stancekit.save(nothing, tmp_path / "x.json")

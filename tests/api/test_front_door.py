@@ -521,8 +521,7 @@ def test_files_and_data_sets_are_verified_by_their_names(
         True,
         "accepted",
     )
-    report = stancekit.verify(rows[0].ledger.folder)
-    assert report.accepted
+    assert stancekit.verify(rows[0].ledger.folder).accepted
     for name, asked in (
         ("tolerance", {"tolerance": 1e-3}),
         ("robot", {"robot": "hexapod"}),

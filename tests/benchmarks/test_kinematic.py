@@ -133,8 +133,7 @@ def test_feet_alone_have_no_body():
     planner = KinematicPlanner("mip", body=False)
     placed, _ = planner.place(course, Clock.start())
     assert placed.com_m is None
-    outcome = planner.solve(course)
-    assert outcome.message == "there is no body in the plan"
+    assert planner.solve(course).message == "there is no body in the plan"
 
 
 def test_other_names_and_other_reach_are_refused():

@@ -239,8 +239,7 @@ def test_all_walks_of_a_folder_are_judged_beside_our_cells(folder, tmp_path, cap
     row = {"verified": True, "cpu_s": 4.0, "force_rms": 0.01}
     (cells / "ripple-03-0-portfolio.json").write_text(json.dumps({"row": row}))
     assert judge(folder, cells, as_json=False) == 0
-    shown = capsys.readouterr().out
-    assert "stancekit, portfolio" in shown
+    assert "stancekit, portfolio" in capsys.readouterr().out
     found = json.loads((cells / "against.json").read_text())
     by_walk = {row["walk"]: row for row in found["walks"]}
     assert by_walk["stands"]["verified"]

@@ -136,8 +136,7 @@ def test_a_kill_before_any_call_leaves_the_older_plan_or_the_new_one_and_the_nex
     assert (file.read_bytes() == before) == (call <= 5)
     assert check_file(file, joints=False).accepted
     assert len(leftovers(file.parent)) == (2 <= call <= 5)
-    again = ended(write, file.parent)
-    assert again.code == 0
+    assert ended(write, file.parent).code == 0
     assert os.listdir(file.parent) == ["climb.json"]
     assert file.read_bytes() != before
 

@@ -145,8 +145,7 @@ def test_the_environment_chooses_among_charts_and_terrains_of_ones_own(files: Pa
     observation, _ = env.reset(seed=0)
     assert np.abs(observation["heights"]).max() > 0.001
     assert env.action_space.nvec[0] == 2
-    info = env.step(np.array([1, 0, 0]))[-1]
-    assert info["feasible"] == 1
+    assert env.step(np.array([1, 0, 0]))[-1]["feasible"] == 1
 
 
 @pytest.mark.parametrize(

@@ -154,8 +154,7 @@ def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
 ) -> None:
     impossible = (0.32, 0.02, 0.32)
     two = replace(found.problem, timings_s=(impossible, found.problem.timings_s[0]))
-    outcome = find_leap(two)
-    assert outcome.solution.timing == 1
+    assert find_leap(two).solution.timing == 1
     both = replace(
         refuted.problem, timings_s=(refuted.problem.timings_s[0], refuted.problem.timings_s[0])
     )

@@ -95,8 +95,7 @@ def test_sets_about_the_standing_centre_do_not_hold_a_robot_whose_legs_are_heavy
 def test_limbs_over_outer_sets_reach_all_that_the_legs_reach(robot: RobotModel) -> None:
     from stancekit.planners.robot.walker import contact_robot
 
-    outer = contact_robot(robot, sets="outer")
-    assert contains_all(outer)
+    assert contains_all(contact_robot(robot, sets="outer"))
     for limb in limbs_over(robot, "outer"):
         assert limb.reach_rows is not None
     if all(len(leg.joints) >= 3 for leg in robot.legs):

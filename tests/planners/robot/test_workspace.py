@@ -86,8 +86,7 @@ def test_the_slack_of_the_hull_is_what_the_proof_says_and_no_less_is_needed(step
     cloud = foot_cloud(rod, steps)
     points, slack = cloud.points, cloud.slack_m
     step = 2.0 / steps
-    widest = np.linalg.norm(points, axis=1).max()
-    assert widest == pytest.approx(2.0)
+    assert np.linalg.norm(points, axis=1).max() == pytest.approx(2.0)
     radius = 2.0  # about both axes: the rod's end is never farther from either
     assert slack == pytest.approx(2 * step**2 * radius / 8.0, abs=2e-9)
     between = rod.chain.feet(

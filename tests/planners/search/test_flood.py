@@ -186,8 +186,7 @@ def _of(kind: str) -> Callable[[Certificate], np.ndarray]:
 
 
 def _without_runs(proof: Certificate) -> Certificate:
-    kept = proof.tree[~_of("run")(proof)]
-    return replace(proof, tree=kept)
+    return replace(proof, tree=proof.tree[~_of("run")(proof)])
 
 
 def _one_run_short(proof: Certificate) -> Certificate:

@@ -321,8 +321,7 @@ def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_pa
     def stop(attempt, iteration, violation, cost, phase):
         return phase.startswith("piece 2")
 
-    stopped = planned(task, kept_in(tmp_path, task), stop)
-    assert stopped.stopped
+    assert planned(task, kept_in(tmp_path, task), stop).stopped
     kept = kept_in(tmp_path, task)
     assert kept.begun
     assert kept.pieces == (DONE,)
