@@ -52,8 +52,9 @@ AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-4
 leaves; part of the way to the border of the cones that a step goes; complementarity from which an end
 is sought, where the middle's is 1; gap with which an end is taken where steps go no further."""
 BALANCED, UNIT, SAME, TINY = 1e-8, 1e-6, 1e-7, 1e-12
-"""Forces that miss their balance by more are not used, in units of the weight and metres; a normal's
-length may differ from 1 by ``UNIT``; lengths and shares that are none."""
+"""Forces that miss their balance by more are not used, in units of the weight, or of the largest
+force if that is more, and metres; a normal's length may differ from 1 by ``UNIT``; lengths and shares
+that are none."""
 SLIPLESS, FAR = 10.0, 50.0
 """Largest friction, and farthest point [m], for which margins are computed."""
 
@@ -171,12 +172,12 @@ def _end(A: Any, bounds: Any, e: Any, w: Any, last: float, balance: Any, room: A
     (X, dX, off, _, _), rows = room, len(balance)
     goal, short = (BEGIN if last > 0.0 else 1.0), 1.0
     for _ in range(STEPS):
-        worst, gap, size = 0.0, 0.0, 0.0
+        worst, gap, size, most = 0.0, 0.0, 0.0, BALANCED
         for a in range(6):
             off[a] = e[a]
         for b in range(len(A)):
             f, s = (X[b][0], X[b][1], X[b][2]), (X[b][3], X[b][4], X[b][5])
-            up, down = bounds[b][1] - f[0], f[0] - bounds[b][0]
+            up, down, most = bounds[b][1] - f[0], f[0] - bounds[b][0], max(most, BALANCED * f[0])
             if not min(_inner(f, f), _inner(s, s), up, down) > 0.0:
                 return 0
             gap += f[0] * s[0] + f[1] * s[1] + f[2] * s[2] + X[b][6] * up + X[b][7] * down
@@ -185,7 +186,7 @@ def _end(A: Any, bounds: Any, e: Any, w: Any, last: float, balance: Any, room: A
         for a in range(rows):
             worst, size = max(worst, abs(off[a])), size + abs(w[a])
         wanted = last if short < 0.9 else max(last, STALLED)
-        if worst < BALANCED and (last == 0.0 or gap <= 1.05 * wanted):
+        if worst < most and (last == 0.0 or gap <= 1.05 * wanted):
             return 1
         if last == 0.0 and _bound(A, bounds, e, w) < -SAME * size:
             return -1
@@ -200,7 +201,7 @@ def _end(A: Any, bounds: Any, e: Any, w: Any, last: float, balance: Any, room: A
         for a in range(rows):
             w[a] += wide * (off[a] - w[a])
         short = 1.0 - min(far, wide)
-    return 0
+    return 1 if worst < most else 0
 
 
 def _nearest(P: Any, order: Any, count: int) -> tuple[float, float, int, int, float]:
