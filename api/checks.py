@@ -190,9 +190,8 @@ def _check_sequence(
     ground = None
     if terrain is not None:
         ground = FileTerrain.of(footholds_for(who, terrain)).along(np.zeros((1, 3)), Path())
-    deadline = time.perf_counter() + _LIMIT_S
     try:
-        report = diagnosed(rows, who, ground, mend=why, deadline=deadline)
+        report = diagnosed(rows, who, ground, mend=why, deadline=time.perf_counter() + _LIMIT_S)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
     message = "; ".join(filter(None, (report.message, report.remark)))

@@ -270,10 +270,9 @@ def _surrogate(
         from stancekit.learners.surrogates.surrogate import SurrogateSettings, fit_surrogate
     except ImportError as error:
         raise missing(_SURROGATE, error) from None
-    typed_settings = typed(SurrogateSettings, settings, "")
     return fit_surrogate(
         [rows_of(each) for each in several],
-        typed_settings,
+        typed(SurrogateSettings, settings, ""),
         progress,
         calibration=None if calibration is None else rows_of(calibration),
     )

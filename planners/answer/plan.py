@@ -188,10 +188,6 @@ MARGIN = "margin"
 """The group of a plan that measures what its stances bear beyond the weight."""
 LEAP_BODY = ("joints", "joint_speed", "torque", "legs_turn", "take_off", "landing", "bodies")
 """Groups of a leap that ask for a model of the robot's legs."""
-LEAP_ARRAYS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")
-"""The arrays of numbers that every leap has."""
-LATER = ("legs_turn_rad", "gather")
-"""The arrays that a leap may be without."""
 LEAST_GATHER, MOST_GATHER = np.array([0.05, 0.1]), np.array([0.49, 1.0])
 """Least and largest share of a flight after which legs are drawn up, and of a fold."""
 
@@ -233,6 +229,7 @@ class LeapPlan(Motion):
     WORD: ClassVar[str] = "leap"
     MOMENT: ClassVar[str] = "interval"
     BODY: ClassVar[tuple[str, ...]] = LEAP_BODY
+    LATER: ClassVar[tuple[str, ...]] = ("legs_turn_rad", "gather")
     problem: Leap
     timing: int
     choice: NDArray[np.int_]
@@ -246,24 +243,9 @@ class LeapPlan(Motion):
     gather: Array | None = None
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        known = {name for name in LATER if getattr(self, name) is not None}
-        self._hold(np.int_, "choice")
-        self._hold(np.float64, *LEAP_ARRAYS, *known)
-
     def __repr__(self) -> str:
         count, legs = len(self.forces_n), ", ".join(self.problem.robot.limb_names)
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
-
-    @property
-    def question(self) -> dict[str, Any]:
-        """The leap as JSON-ready values."""
-        return self.problem.to_json()
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that leaps."""
-        return self.problem.robot
 
     @property
     def name(self) -> str:
@@ -272,8 +254,7 @@ class LeapPlan(Motion):
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
         """The chosen surfaces, with this share of their friction."""
-        feet = range(len(self.problem.footholds))
-        return dulled([self.problem.patch(j, self.choice) for j in feet], friction_share)
+        return dulled(patches_of(self), friction_share)
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
         """The reason why no runner executes it: it has to begin and end at rest, and to be judged
@@ -283,10 +264,22 @@ class LeapPlan(Motion):
             return "it begins or ends in motion"
         return "its legs are not known: plan it with --robot FILE" if unchecked else ""
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The known arrays by name; the timing is one number."""
-        known = {name: getattr(self, name) for name in leap_shapes(self.problem)}
-        return {name: np.asarray(value) for name, value in known.items() if value is not None}
+    @classmethod
+    def shapes(cls, problem: Leap, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
+        """As of ``Motion``; the timing is one number."""
+        count, placed = problem.intervals, len(problem.footholds)
+        return {
+            "timing": (),
+            "choice": (placed,),
+            "com_m": (count + 1, 3),
+            "velocity_m_s": (count + 1, 3),
+            "momentum_m2_s": (count + 1, 3),
+            "rotation_rad": (count + 1, 3),
+            "toes_m": (placed, 3),
+            "forces_n": (count, len(problem.robot.limbs), 3),
+            "legs_turn_rad": (count, 3),
+            "gather": (2,),
+        }
 
     @property
     def turned_rad(self) -> Array:
@@ -301,64 +294,8 @@ class LeapPlan(Motion):
         return self.problem.times_s(self.timing)
 
 
-def leap_shapes(leap: Leap) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan of a leap has, by name."""
-    count, limbs, nodes = leap.intervals, len(leap.robot.limbs), (leap.intervals + 1, 3)
-    placed = len(leap.footholds)
-    return {
-        "timing": (),
-        "choice": (placed,),
-        "com_m": nodes,
-        "velocity_m_s": nodes,
-        "momentum_m2_s": nodes,
-        "rotation_rad": nodes,
-        "toes_m": (placed, 3),
-        "forces_n": (count, limbs, 3),
-        "legs_turn_rad": (count, 3),
-        "gather": (2,),
-    }
-
-
-_NUMBERS = (
-    "com_m",
-    "rotation_rad",
-    "toes_m",
-    "forces_n",
-    "points_m",
-    "point_forces_n",
-    "joints_rad",
-)
-"""Arrays of real numbers of a plan."""
-OPTIONAL = ("modes", "joints_rad")
-"""Arrays that a plan may be without."""
 PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 """Arrays with a row a frame, or a stance; of a posture there is one."""
-
-
-def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan over a problem has, by name; joints of a posture are not
-    computed.
-    """
-    frames, limbs = course.frames, len(course.robot.limbs)
-    placed, stances = len(course.footholds), len(course.stances)
-    soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
-    if course.has_soles:
-        points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
-        soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
-    if course.is_posture:
-        joints = {} if course.has_soles else {"joints_rad": (frames, 0)}
-    elif course.robot.source.own or not course.has_soles:
-        joints = {"joints_rad": (frames, len(joint_names(course.robot)))}
-    return {
-        "com_m": (frames, 3),
-        "rotation_rad": (frames, 3),
-        "toes_m": (placed, 3),
-        "choice": (placed,),
-        "forces_n": (stances, limbs, 3),
-        **soles,
-        **joints,
-        "modes": (frames,),
-    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -405,6 +342,7 @@ class Plan(Motion):
     WORD: ClassVar[str] = "plan"
     MOMENT: ClassVar[str] = "frame"
     BODY: ClassVar[tuple[str, ...]] = (*WHOLE_BODY, MARGIN)
+    LATER: ClassVar[tuple[str, ...]] = ("modes", "joints_rad")
     problem: Problem
     com_m: Array
     rotation_rad: Array
@@ -417,10 +355,6 @@ class Plan(Motion):
     modes: NDArray[np.int_] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        for kind, names in ((np.float64, _NUMBERS), (np.int_, ("choice", "modes"))):
-            self._hold(kind, *(name for name in names if getattr(self, name) is not None))
-
     def __repr__(self) -> str:
         name, frames, limbs = (
             self.problem.name,
@@ -429,20 +363,27 @@ class Plan(Motion):
         )
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
 
-    @property
-    def question(self) -> dict[str, Any]:
-        """The problem as JSON-ready values."""
-        return self.problem.to_json()
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are known, by name."""
-        known = {name: getattr(self, name) for name in plan_shapes(self.problem)}
-        return {name: array for name, array in known.items() if array is not None}
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that climbs."""
-        return self.problem.robot
+    @classmethod
+    def shapes(cls, problem: Problem, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
+        """As of ``Motion``; joints of a posture are not computed."""
+        frames, limbs = problem.frames, len(problem.robot.limbs)
+        placed, stances = len(problem.footholds), len(problem.stances)
+        shapes: dict[str, tuple[int, ...]] = {
+            "com_m": (frames, 3),
+            "rotation_rad": (frames, 3),
+            "toes_m": (placed, 3),
+            "choice": (placed,),
+            "forces_n": (stances, limbs, 3),
+        }
+        if problem.has_soles:
+            soles = (limb.sole_m for limb in problem.robot.limbs)
+            points = max(1 if sole is None else len(sole) for sole in soles)
+            shapes["points_m"] = (placed, points, 3)
+            shapes["point_forces_n"] = (stances, limbs, points, 3)
+        if (problem.robot.source.own and not problem.is_posture) or not problem.has_soles:
+            joints = 0 if problem.is_posture else len(joint_names(problem.robot))
+            shapes["joints_rad"] = (frames, joints)
+        return {**shapes, "modes": (frames,)}
 
     @property
     def name(self) -> str:
@@ -458,9 +399,7 @@ class Plan(Motion):
         """The terrain, or the patches that are taken where the problem has none, with this share of
         their friction.
         """
-        feet = range(len(self.problem.footholds))
-        taken = self.problem.terrain or [self.problem.patch(p, self.choice) for p in feet]
-        return dulled(taken, friction_share)
+        return dulled(self.problem.terrain or patches_of(self), friction_share)
 
     def moment(self, when: float) -> str:
         """A key frame in words; a posture has one alone."""
@@ -592,3 +531,8 @@ class Plan(Motion):
         return {
             name: (array[0] if name in alone else array).tolist() for name, array in arrays.items()
         }
+
+
+def patches_of(plan: Plan | LeapPlan) -> list[Patch]:
+    """The patch that was chosen for every foothold."""
+    return [plan.problem.patch(p, plan.choice) for p in range(len(plan.problem.footholds))]

@@ -26,7 +26,7 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..answer.trajectory import Trajectory
+from ..answer.trajectory import Trajectory, WalkQuestion
 from ..errors import InvalidInput
 from ..files.arrays import (
     Array,
@@ -207,12 +207,14 @@ def read_walk(path: str | Path) -> _WalkTable:
         samples = _of_table(table, robot) if table.exists() else _of_archive(packed, robot)
         trajectory = Trajectory(
             **samples,
-            robot=robot,
-            terrain=terrain,
-            friction=keys.friction,
-            adhesive=np.zeros(len(robot.feet), dtype=bool),
-            start=np.array(keys.start),
-            goal=np.array(keys.goal),
+            problem=WalkQuestion(
+                robot=robot,
+                terrain=terrain,
+                friction=keys.friction,
+                adhesive=np.zeros(len(robot.feet), dtype=bool),
+                start=np.array(keys.start),
+                goal=np.array(keys.goal),
+            ),
             provenance={"program": keys.program},
         )
     except InvalidInput as error:

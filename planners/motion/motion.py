@@ -5,7 +5,7 @@ times.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
@@ -191,14 +191,20 @@ class Played:
         return float(self.knots_s[-1])
 
 
+def combined(samples: Sequence[Samples], join: Callable[[list[Any]], Any]) -> Samples:
+    """Samples each of whose tables is made of the same one of some samples; not known where one of
+    them is not.
+    """
+    known = dict[str, Any]()
+    for name in (field.name for field in fields(Samples) if field.name != "radii_m"):
+        tables = [getattr(sample, name) for sample in samples]
+        known[name] = None if any(table is None for table in tables) else join(tables)
+    return Samples(**known, radii_m=samples[0].radii_m)
+
+
 def stacked(samples: Sequence[Samples]) -> Samples:
     """Single samples as one value with a row for each."""
-    names = [field.name for field in fields(Samples) if field.name != "radii_m"]
-    rows = {name: [getattr(each, name) for each in samples] for name in names}
-    known: dict[str, Any] = {
-        name: None if row[0] is None else np.array(row) for name, row in rows.items()
-    }
-    return Samples(**known, radii_m=samples[0].radii_m)
+    return combined(samples, np.array)
 
 
 def between(rows: Samples, at: Array) -> Samples:
@@ -212,15 +218,11 @@ def between(rows: Samples, at: Array) -> Samples:
     first = np.floor(near).astype(int)
     then, share = np.minimum(first + 1, last), near - first
 
-    def mixed(table: Array | None) -> Array | None:
-        if table is None:
-            return None
-        weight = share.reshape(share.shape + (1,) * (table.ndim - 1))
+    def mixed(tables: list[Array]) -> Array:
+        table, weight = tables[0], share.reshape(share.shape + (1,) * (tables[0].ndim - 1))
         return np.asarray(table[first] + weight * (table[then] - table[first]))
 
-    names = [field.name for field in fields(Samples) if field.name not in ("radii_m", "foothold")]
-    fields_between: dict[str, Any] = {name: mixed(getattr(rows, name)) for name in names}
-    return Samples(**fields_between, radii_m=rows.radii_m, foothold=rows.foothold[first])
+    return replace(combined([rows], mixed), foothold=rows.foothold[first])
 
 
 def smooth(s: T) -> T:
@@ -283,9 +285,8 @@ def table_of(
     checked(rate_hz, "rate_hz", above=0.0, most=LARGEST_RATE_HZ)
     times = np.arange(int(np.floor(motion.duration_s * rate_hz + 1e-6)) + 1) / rate_hz
     at = motion.at(times)
-    known = at.angles_rad is not None
     return MotionTable(
-        joints=joints if known else (),
+        joints=() if at.angles_rad is None else joints,
         limbs=limbs,
         time_s=times,
         angles_rad=at.angles_rad,

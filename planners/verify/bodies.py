@@ -205,8 +205,7 @@ def check_bodies(
 
     bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
     keys = key_postures(plan, angles)
-    frames = np.arange(float(len(angles)))
-    group = bodies_group("bodies", bodies, frames, keys, deadline=deadline)
+    group = bodies_group("bodies", bodies, np.arange(float(len(angles))), keys, deadline=deadline)
     if plan.problem.robot.absent and group.verdict == "holds":
         absent = ", ".join(plan.problem.robot.absent)
         group = replace(
@@ -396,8 +395,7 @@ class MovingBodyMeasurements:
         """
         from ..robot.bodies import Bodies
 
-        bodies = Bodies(self.kinematics, obstacles)
-        return bodies_group(name, bodies, *self.spaced(), between=True)
+        return bodies_group(name, Bodies(self.kinematics, obstacles), *self.spaced(), between=True)
 
     def spaced(self) -> tuple[Array, WholeBody]:
         """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,)
@@ -497,7 +495,7 @@ class WholeBodyMeasurements(MovingBodyMeasurements):
         from ..robot.bodies import Bodies
         from ..terrain.obstacles import Obstacles
 
-        bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.terrain))
+        bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.problem.terrain))
         found = bodies_group("bodies", bodies, *self.spaced(), between=True)
         place, when = "", float(self.times_s[0])
         if worst := found.figures["worst"]:

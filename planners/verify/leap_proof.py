@@ -57,8 +57,7 @@ def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
         return proof_report(certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
     weakest = int(bounds.argmin())
     bound = float(bounds[weakest])
-    accepted = bound > GUARD
-    if accepted:
+    if bound > GUARD:
         message = f"refuted at all leaves ({len(bounds)})"
     else:
         message = f"rejected: leaf {weakest} of {len(bounds)} proves {bound:.3g}, expected above {GUARD:g}"

@@ -181,10 +181,9 @@ def check_motion(
                 verdict="not checked" if why and held else "",
             )
         )
-    judged = replace(table, doubts=robot.source.doubts)
     return Report(
         groups=tuple(groups),
-        answer=judged,
+        answer=replace(table, doubts=robot.source.doubts),
         tolerance=0.0,
         limits=most,
         figures={"rounding": coarsest},  # within which the smoothest motion was judged
@@ -574,8 +573,7 @@ class _Measured:
         """
         held, near = self.stands.copy(), self.surface[0] <= _GAP_M
         for foot in range(held.shape[1]):
-            rows = np.flatnonzero(held[:, foot])
-            for first, last in pairwise(rows.tolist()):
+            for first, last in pairwise(np.flatnonzero(held[:, foot]).tolist()):
                 if (last - first) * self.step_s <= _LIFT_S:
                     held[first:last, foot] |= near[first:last, foot].all()
         return held

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answer.plan import NOBODY_CARRIES, OPTIONAL, PER_FRAME, WHOLE_BODY, Plan, plan_shapes
+from ..answer.plan import NOBODY_CARRIES, PER_FRAME, WHOLE_BODY, Plan
 from ..answer.report import (
     GROUPS,
     LATE,
@@ -31,6 +31,7 @@ from .bodies import check_bodies
 from .geometry import counts_of, exact_and_linear, forces_defect, length
 from .half_spaces import row_counts
 from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
+from .trajectory_measurements import arrays_defect
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics
@@ -310,20 +311,13 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     Nothing is raised. Shapes of a posture are said as files have them, without the axis of frames.
     """
     course = plan.problem
-    for name, shape in plan_shapes(course).items():
+    for name, shape in plan.shapes(course).items():
         array = getattr(plan, name)
-        if array is None and name in OPTIONAL:
-            continue
-        if array is None or array.shape != shape:
+        if np.shape(array) != shape and not (array is None and name in plan.LATER):
             return _misshapen(plan, name, shape), -1, ""
-        if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers, got other values", -1, ""
-        if not course.is_posture and np.abs(array).max(initial=0) > LARGEST:
-            return (
-                f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}",
-                -1,
-                "",
-            )
+    most = float(np.finfo(np.float64).max) if course.is_posture else LARGEST
+    if defect := arrays_defect(plan, plan.shapes(course), plan.LATER, most):
+        return defect, -1, ""
     for foothold, chosen in (
         zip(course.footholds, plan.choice, strict=True) if plan.choice.any() else ()
     ):

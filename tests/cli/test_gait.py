@@ -66,7 +66,7 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait, short):
     walk, content = read_motion("walk.json")
     assert content["verified"]
     assert check_file("walk.json").report.digest == record["digest"]
-    assert np.allclose(walk.goal, [0.2, 0.1])
+    assert np.allclose(walk.problem.goal, [0.2, 0.1])
     (attempt,) = record["attempts"]
     assert attempt["violations"][-1] < 1e-4 <= min(attempt["violations"][:-1])
     assert attempt["iterations"] == len(attempt["violations"]) - 1

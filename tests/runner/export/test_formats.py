@@ -232,7 +232,7 @@ def points(messages: Iterable[Any]) -> list[tuple[float, float, float]]:
 
 
 def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> None:
-    boxes = replace(walk, robot=replace(walk.robot, name="boxes", model=None))
+    boxes = walk.asked(robot=replace(walk.robot, name="boxes", model=None))
     with pytest.raises(InvalidInput):
         walking_robot(boxes.robot)
     moved = moved_of(boxes, "csv")
