@@ -281,14 +281,10 @@ def _called(asked: Accepted[Any] | Problem) -> str:
     return "plan" if isinstance(asked, Problem) else str(asked.plan.WORD)
 
 
-def _json_of(path: str | Path) -> object:
-    return read_json(path) if Path(path).suffix == ".json" else None
-
-
 def _is_course(path: str | Path) -> bool:
     if str(path) in builtin_courses() or Path(path).suffix in (".yaml", ".yml"):
         return True
-    data = _json_of(path)
+    data = read_json(path) if Path(path).suffix == ".json" else None
     return isinstance(data, dict) and data.get("format") == Problem.FORMAT
 
 

@@ -28,8 +28,8 @@ from _bench import Options, launch, share
 import stancekit
 from stancekit.checks import check_file
 from stancekit.exports import read_accepted
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.motions import check_motion, nearest
 from stancekit.runner.export.formats import FORMATS, moved_of, scene_of

@@ -18,9 +18,9 @@ import numpy as np
 import tyro
 from _bench import Options, launch
 
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import read_motion
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.motions import COLUMNS, check_motion
 from stancekit.runner.export.formats import moved_of

@@ -24,9 +24,9 @@ from scipy.spatial.transform import Rotation
 from towr import compiled
 
 from stancekit.checks import check_file
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.formats.table_file import csv_of
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.walker import named_walker

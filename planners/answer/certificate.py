@@ -238,19 +238,9 @@ class Crossing(Motion):
         assert isinstance(problem, Problem)
         return problem
 
-    @property
-    def gravity_m_s2(self) -> float:
-        """Gravity that it counts on [m/s²]."""
-        return self.problem.gravity_m_s2
-
-    @property
-    def terrain(self) -> tuple[Patch, ...]:
-        """Every surface that there is."""
-        return self.problem.terrain
-
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
         """Every surface that there is, with this share of its friction."""
-        return dulled(self.terrain, friction_share)
+        return dulled(self.problem.terrain, friction_share)
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
         """The reason why no runner executes it: all of it has to be checked, a leap among it."""

@@ -172,8 +172,8 @@ class Motion(Evidence):
 
     @property
     def gravity_m_s2(self) -> float:
-        """Gravity that it counts on [m/s²]."""
-        return GRAVITY_M_S2
+        """Gravity that it counts on [m/s²], where its problem says nothing else."""
+        return float(getattr(self.problem, "gravity_m_s2", GRAVITY_M_S2))
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...] | Ground:
         """The terrain that it is over, with this share of the friction that it counts on."""

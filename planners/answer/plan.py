@@ -9,176 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InvalidInput
-from ..files.arrays import Array, checked_name, grain
+from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..robot.model import Robot
 from ..robot.robot_file import joint_names
 from ..terrain.patch import Frame, Patch
-from .motion import Evidence, Motion, dulled
-
-FORMAT = "stancekit/motion/1"
-OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
-"""Arrays with a column per joint, and what the columns' names begin with."""
-OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
-"""The same of those with a column, or three, per limb."""
-_LARGEST = 1e10
-"""No place, speed or force of a motion is larger, nor seconds since 1970 for some centuries."""
-_EVEN = 0.1
-"""Times are those of a uniform grid to this share of a step: stamps of logs jitter."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MotionTable(Evidence):
-    """A motion at T moments of a uniform grid, of J joints and N limbs; what is not known is None.
-
-    Arguments:
-        joints, limbs: their names, in the order of the columns.
-        time_s: shape (T,) [s], as the file has them: rounded, and off the grid by as much as the
-            stamps of a log jitter.
-        angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J) [rad], [rad/s], [Nm].
-        origin_m: of the body's link, world frame, shape (T, 3).
-        quaternion: R_WB of the body's link as w, x, y, z, shape (T, 4).
-        com_m, velocity_m_s: centre of mass of the whole robot, and its velocity, world frame, shape
-        (T, 3).
-        turning_rad_s: angular velocity of the body, world frame, shape (T, 3).
-        contact: whether each limb stands, shape (T, N).
-        forces_n: contact forces on the robot, world frame, shape (T, N, 3).
-        feet_m: centres of the feet, world frame, shape (T, N, 3).
-        robot, source: what moves, and where the motion is from, for people.
-        doubts: numbers of the robot's file that were guessed, a line each, in what was judged.
-    """
-
-    joints: tuple[str, ...]
-    limbs: tuple[str, ...]
-    time_s: Array
-    angles_rad: Array | None = None
-    rates_rad_s: Array | None = None
-    torques_nm: Array | None = None
-    origin_m: Array | None = None
-    quaternion: Array | None = None
-    com_m: Array | None = None
-    velocity_m_s: Array | None = None
-    turning_rad_s: Array | None = None
-    contact: NDArray[np.bool_] | None = None
-    forces_n: Array | None = None
-    feet_m: Array | None = None
-    robot: str = ""
-    source: str = ""
-    doubts: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for names, kind in ((self.joints, "joints"), (self.limbs, "limbs")):
-            for name in names:
-                checked_name(name, kind)
-            if len(set(names)) != len(names):
-                raise InvalidInput(f"{kind}: expected different names, got {', '.join(names):.200}")
-        for name, shape in shapes(len(self.time_s), len(self.joints), len(self.limbs)).items():
-            value = getattr(self, name)
-            if value is None:
-                continue
-            array = np.array(value, dtype=np.bool_ if name == "contact" else np.float64)
-            if array.shape != shape:
-                raise InvalidInput(f"{name}: expected shape {shape}, got {array.shape}")
-            off = ~(np.abs(array) <= _LARGEST)  # NaN, too
-            if off.any():
-                at = tuple(np.argwhere(off)[0])
-                raise InvalidInput(
-                    f"{name}: row {at[0]}: expected numbers up to {_LARGEST:g}, got {array[at]:g}"
-                )
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        _check_times(self.time_s)
-
-    @property
-    def rate_hz(self) -> float:
-        """Rows per second."""
-        return 1.0 / _grid(self.time_s)[0]
-
-    @property
-    def rotation(self) -> Array:
-        """R_WB, shape (T, 3, 3).
-
-        Raises InvalidInput where it is not known.
-        """
-        if self.quaternion is None:
-            raise InvalidInput("quaternion: expected the orientation of the body, got none")
-        return _rotations_from(self.quaternion)
-
-    @property
-    def question(self) -> dict[str, Any]:
-        """Names of joints and limbs, since a plan has no request of its own."""
-        return {"joints": self.joints, "limbs": self.limbs}
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are known, by name."""
-        columns = {name: getattr(self, name) for name in shapes(0, 0, 0)}
-        return {name: array for name, array in columns.items() if array is not None}
-
-
-def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
-    """The shape of each array of a table with so many of them."""
-    return {
-        "time_s": (rows,),
-        "angles_rad": (rows, joints),
-        "rates_rad_s": (rows, joints),
-        "torques_nm": (rows, joints),
-        "origin_m": (rows, 3),
-        "quaternion": (rows, 4),
-        "com_m": (rows, 3),
-        "velocity_m_s": (rows, 3),
-        "turning_rad_s": (rows, 3),
-        "contact": (rows, limbs),
-        "forces_n": (rows, limbs, 3),
-        "feet_m": (rows, limbs, 3),
-    }
-
-
-def _grid(times_s: Array) -> tuple[float, Array]:
-    """The step of the uniform grid nearest to times [s], and their distances from it, shape (T,)."""
-    rows, since = np.arange(len(times_s)) - 0.5 * (len(times_s) - 1), times_s - times_s[0]
-    step = float(rows @ since / (rows @ rows))
-    return step, np.abs(since - since.mean() - step * rows)
-
-
-def _check_times(times_s: Array) -> None:
-    """Raise InvalidInput for fewer than two times, and for such that are no uniform grid, to a
-    share of a step, or to the digits that the file has where these are less than a third of one.
-    """
-    if len(times_s) < 2:
-        raise InvalidInput(f"time_s: expected two rows or more, got {len(times_s)}")
-    steps = np.diff(times_s)
-    if not float(steps.min()) > 0.0:
-        row = int(steps.argmin())
-        raise InvalidInput(
-            f"time_s: row {row + 1}: expected times that increase, got {times_s[row]:g} s then "
-            f"{times_s[row + 1]:g} s"
-        )
-    step, off = _grid(times_s)
-    unit = grain(times_s)
-    if float(off.max()) > max(_EVEN * step, 0.55 * unit if 3.0 * unit <= step else 0.0):
-        usual = float(np.median(steps))
-        row = int(np.abs(steps - usual).argmax())
-        raise InvalidInput(
-            f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at "
-            f"{times_s[row]:g} s where others are {usual:.6g} s"
-        )
-
-
-def _rotations_from(quaternions: Array) -> Array:
-    """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3).
-
-    Raises InvalidInput for other lengths than 1.
-    """
-    from scipy.spatial.transform import Rotation
-
-    sizes = np.linalg.norm(quaternions, axis=1)
-    if (off := np.abs(sizes - 1.0)).max() > 1e-3:
-        row = int(off.argmax())
-        raise InvalidInput(f"quaternion: row {row}: expected a length of 1, got {sizes[row]:.4g}")
-    return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix())
-
+from .motion import Motion, dulled
 
 NOBODY_CARRIES = "no limb carries between frames"
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
@@ -389,11 +226,6 @@ class Plan(Motion):
     def name(self) -> str:
         """Name of the problem."""
         return self.problem.name
-
-    @property
-    def gravity_m_s2(self) -> float:
-        """Gravity that it counts on [m/s²]."""
-        return self.problem.gravity_m_s2
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
         """The terrain, or the patches that are taken where the problem has none, with this share of

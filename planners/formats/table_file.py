@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 from ..errors import InvalidInput
 from ..files.arrays import Array, archive_of, checked_int, read_archive, read_only
 from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown, yaml_of
+from ..motion.motion import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 
 _AXES = "xyz"
 _OF_BODY = {

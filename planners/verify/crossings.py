@@ -127,7 +127,7 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
 
 def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
-    off = off_terrain(crossing.terrain, patches_of(plan), np.asarray(plan.toes_m))
+    off = off_terrain(crossing.problem.terrain, patches_of(plan), np.asarray(plan.toes_m))
     j = int(np.argmax(off))
     yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=plan.problem.footholds[j].limb)
     name = f"{k}: flight"
@@ -135,7 +135,9 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
         from ..terrain.obstacles import Obstacles
         from .leaps import LeapBodyMeasurements
 
-        yield LeapBodyMeasurements(body_of(plan)).bodies(name, Obstacles.of(crossing.terrain))
+        yield LeapBodyMeasurements(body_of(plan)).bodies(
+            name, Obstacles.of(crossing.problem.terrain)
+        )
     except InvalidInput as error:  # no legs, no pinocchio, no coal
         yield Group(name, unit="m", message=str(error), verdict="not checked")
 
@@ -191,7 +193,7 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
     if proof.problem is None or differs(crossing.robot, proof.problem.robot):
         yield Group(name, message="the proof is of another robot", verdict="violated")
         return
-    if to_json(getattr(proof.problem, "terrain", ())) != to_json(crossing.terrain):
+    if to_json(getattr(proof.problem, "terrain", ())) != to_json(crossing.problem.terrain):
         yield Group(name, message="the proof is over another terrain", verdict="violated")
         return
     if other := _another_way(crossing, proof.problem):
@@ -213,6 +215,4 @@ def _another_way(crossing: Crossing, problem: Any) -> str:
     if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > _BODY_M:
         return "another start"
     goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
-    if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M:
-        return "another goal"
-    return ""
+    return "another goal" if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M else ""

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import MotionTable
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross, grain
+from ..motion.motion import MotionTable
 from ..physics import GRAVITY_M_S2
 from ..robot.inverse_kinematics import WholeBody
 from ..robot.kinematics import Kinematics, pinocchio

@@ -296,9 +296,7 @@ class _Sweep:
         at = self._measured(frame, share, owner, limb, point, (before, after))
         values = violations(at)
         self._found |= worst_groups(at, values, frame, share, limb, self._names, self._tolerance)
-        if not len(limbs):
-            return 0.0
-        return float(worst_of(at, values)[stances:].max())
+        return float(worst_of(at, values)[stances:].max()) if limbs else 0.0
 
     def _measured(
         self,

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import MotionTable, Plan
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, archive_of, checked
@@ -25,7 +25,7 @@ from stancekit.planners.formats.table_file import (
     read_table,
 )
 from stancekit.planners.motion.gait_motion import feet_motion
-from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Played, table_of
+from stancekit.planners.motion.motion import LARGEST_RATE_HZ, MotionTable, Played, table_of
 from stancekit.planners.motion.plan_motion import reached_s
 from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot, walking_robot

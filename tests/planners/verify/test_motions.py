@@ -14,8 +14,8 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 
 import stancekit
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.terrain.patch import Patch

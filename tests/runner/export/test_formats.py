@@ -18,12 +18,13 @@ import pytest
 import yaml
 
 import stancekit
-from stancekit.planners.answer.plan import LeapPlan, MotionTable, Plan
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import yaml_of
 from stancekit.planners.formats.table_file import csv_of, joint_trajectory_bytes, read_table
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_file import provider_folder, robot_of
 from stancekit.planners.verify.motions import check_motion
