@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, SupportsFloat
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import Array
 from ..files.documents import shown
 from ..files.writing import first_difference
@@ -53,6 +53,17 @@ class WalkQuestion:
 
     Raises:
         InvalidInput: for values that are no arrays of numbers.
+    Source:
+        Pan et al. §III, W2-W7.
+
+    Example:
+        >>> import numpy as np, stancekit
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+        >>> walk = stancekit.Walk.over(level, (0.2, 0.0))
+        >>> asked = stancekit.WalkQuestion(robot=walk.robot, terrain=level, friction=0.7, adhesive=walk.adhesive,
+        ...                                start=walk.start, goal=walk.goal)
+        >>> asked.goal.tolist(), asked.still
+        ([0.2, 0.0], (False, False))
     """
 
     FORMAT: ClassVar[str] = "stancekit/walk/1"
@@ -233,11 +244,9 @@ def robot_from_json(data: Any) -> Robot:
     """
     from ..robot.walker import walker_from_json
 
-    try:
+    with located("robot"):
         robot = walker_from_json(data)
         _check_built_in(robot)
-    except InvalidInput as error:
-        raise InvalidInput(f"robot: {error}") from None
     return robot
 
 

@@ -24,7 +24,7 @@ from ..answer.motion import Evidence, Motion, seal
 from ..answer.plan import WHOLE_BODY, LeapPlan, Plan
 from ..answer.report import Report, verdict_digest
 from ..answer.trajectory import Trajectory, WalkQuestion, robot_from_json
-from ..errors import InvalidInput, not_installed
+from ..errors import InvalidInput, located, not_installed
 from ..files.arrays import unpacked
 from ..files.codec import extracted
 from ..files.documents import read_json, shown, validated
@@ -236,17 +236,13 @@ def motion_from(data: Mapping[str, Any], where: str) -> Motion:
     read, kind = found
     place = f"{where}: columns"
     arrays = _arrays(data["columns"], place)
-    try:
+    with located(f"{where}: question"):
         asked = read(data["question"], f"{where}: question", arrays)
-    except InvalidInput as error:
-        raise _located(error, f"{where}: question") from None
     rows = arrays["times_s"].size if "times_s" in arrays else 0
     _check_arrays(place, arrays, kind.shapes(asked.get("problem"), rows), kind.LATER)
     plain = {name: array if array.ndim else array.item() for name, array in arrays.items()}
-    try:
+    with located(place):
         motion: Motion = kind(**asked, **plain, provenance=data["provenance"])
-    except InvalidInput as error:
-        raise _located(error, place) from None
     labels = motion.labels()
     for name in dict.fromkeys((*labels, *data["columns"])):
         if name != "npz" and data["columns"].get(name) != labels.get(name):
@@ -275,7 +271,7 @@ def certificate_from(data: Any, where: str) -> Certificate:
         if not isinstance(data, Mapping) or not isinstance(data.get(name), Mapping):
             raise InvalidInput(f"{where}: expected a proof with question and columns")
     question = data["question"]
-    try:
+    with located(f"{where}: question"):
         match question.get("format"):
             case Passage.FORMAT:
                 problem: Problem | Passage | Leap = Passage.from_json(question)
@@ -283,8 +279,6 @@ def certificate_from(data: Any, where: str) -> Certificate:
                 problem = _leap(question, where)
             case _:
                 problem = Problem.from_json(question)
-    except InvalidInput as error:
-        raise _located(error, f"{where}: question") from None
     place = f"{where}: columns"
     arrays = _arrays(data["columns"], place)
     _check_arrays(place, arrays, {"tree": (None, 5), "multipliers": (None, None)}, ())
@@ -295,12 +289,6 @@ def _arrays(columns: Mapping[str, Any], where: str) -> dict[str, NDArray[Any]]:
     if not isinstance(columns.get("npz"), str):
         raise InvalidInput(f"{where}.npz: expected an archive as text, got {shown(columns)}")
     return unpacked(extracted(columns["npz"], where), where)
-
-
-def _located(error: InvalidInput, where: str) -> InvalidInput:
-    """The error, with its place where it does not say it."""
-    told = str(error)
-    return error if told.startswith(where) else InvalidInput(f"{where}: {told}")
 
 
 def _check_keys(data: Any, keys: Mapping[str, type], where: str) -> None:
@@ -434,19 +422,16 @@ def check_file(
     listed = {
         name: report.group(name).verdict for name in WHOLE_BODY if of_plan and name in claimed
     }
-    accepted = report.accepted
-    if of_plan:
-        accepted = report.contacts and "violated" not in listed.values()
+    sound = report.contacts and "violated" not in listed.values()
+    accepted = sound if of_plan else report.accepted
     same = accepted == content["verified"] == content["verdict"].get("accepted")
-    unfounded = [name for name in _OF_JOINTS if listed.get(name) == "not checked"]
-    unfounded = unfounded if find_spec("pinocchio") else []
+    of_joints = _OF_JOINTS if find_spec("pinocchio") else ()
+    unfounded = ", ".join(name for name in of_joints if listed.get(name) == "not checked")
     remarks = [
         report.message,
         report.body_message if of_plan else "",
         "" if same else "the file claims another verdict",
-        f"the file lists as checked what cannot be checked: {', '.join(unfounded)}"
-        if unfounded
-        else "",
+        unfounded and f"the file lists as checked what cannot be checked: {unfounded}",
     ]
     return FileCheck(
         path=str(path),
@@ -464,12 +449,10 @@ def _check_proof(path: str, certificate: Certificate, why: bool) -> FileCheck:
     if isinstance(problem, Leap):
         reason = f"; {explain(certificate).message}" if why and report.accepted else ""
         return FileCheck(path=path, kind="no-leap", report=report, message=report.message + reason)
-    of_posture = isinstance(problem, Problem) and problem.is_posture
-    name = problem.name
-    if isinstance(problem, Problem) and of_posture:
-        name = f"posture on {', '.join(problem.legs)}"
+    kind, name = "no-plan", problem.name
+    if isinstance(problem, Problem) and problem.is_posture:
+        kind, name = "no-posture", f"posture on {', '.join(problem.legs)}"
     reason = explain(certificate).message if report.accepted else report.message
-    kind = "no-posture" if of_posture else "no-plan"
     return FileCheck(path=path, kind=kind, report=report, message=f"{name}: {reason}")
 
 

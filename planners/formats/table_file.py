@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import Array, archive_of, checked_int, read_archive, read_only
 from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown, yaml_of
 from ..motion.motion import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
@@ -130,10 +130,8 @@ def read_table(path: str | Path) -> MotionTable:
     path = Path(path)
     if path.suffix not in readers:
         raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
-    try:
+    with located(str(path)):
         return readers[path.suffix](path)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 def _places(

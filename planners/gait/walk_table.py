@@ -27,7 +27,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..answer.trajectory import Trajectory, WalkQuestion
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import (
     Array,
     check_numbers,
@@ -193,17 +193,15 @@ def read_walk(path: str | Path) -> _WalkTable:
     """
     path = Path(path)
     keys = validated(WalkKeys, read_yaml(path), str(path))
-    try:
+    with located(str(path)):
         robot = named_walker(_from(path, keys.robot))
         terrain = named_terrain(_from(path, keys.terrain), ImportOptions(spacing_m=keys.spacing_m))
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
     table, packed = path.with_suffix(".csv"), path.with_suffix(".npz")
     if table.exists() == packed.exists():
         came = "both" if table.exists() else "neither"
         raise InvalidInput(f"{path}: expected {table.name} or {packed.name} beside it, got {came}")
     where = table if table.exists() else packed
-    try:
+    with located(str(where)):
         samples = _of_table(table, robot) if table.exists() else _of_archive(packed, robot)
         trajectory = Trajectory(
             **samples,
@@ -217,8 +215,6 @@ def read_walk(path: str | Path) -> _WalkTable:
             ),
             provenance={"program": keys.program},
         )
-    except InvalidInput as error:
-        raise InvalidInput(f"{where}: {error}") from None
     return _WalkTable(name=path.stem, keys=keys, trajectory=trajectory)
 
 

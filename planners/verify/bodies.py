@@ -218,23 +218,31 @@ def check_bodies(
     )
     if unchecked:
         return group, Group("motion", unit="m", message=unchecked, verdict="not checked")
-    try:
+
+    def motion() -> Group:
         moments, postures = JointPath(path_of(plan), solver).judged(deadline=deadline)
-    except TimeEnded:
-        return group, Group("motion", unit="m", message=LATE, verdict="not checked")
-    except InvalidInput as error:
-        return group, Group("motion", unit="m", message=str(error), verdict="not checked")
-    assert postures.error_m is not None
-    stray_m = float(postures.error_m.max())
-    astray = (
-        (_astray(plan, moments.frame, postures.error_m), stray_m)
-        if stray_m > STRAY_M
-        else ("", 0.0)
-    )
-    motion = bodies_group(
-        "motion", bodies, moments.frame, postures, astray, between=True, deadline=deadline
-    )
-    return group, motion
+        assert postures.error_m is not None
+        stray_m = float(postures.error_m.max())
+        astray = (
+            (_astray(plan, moments.frame, postures.error_m), stray_m)
+            if stray_m > STRAY_M
+            else ("", 0.0)
+        )
+        return bodies_group(
+            "motion", bodies, moments.frame, postures, astray, between=True, deadline=deadline
+        )
+
+    return group, looked_at("motion", motion)
+
+
+def looked_at(name: str, look: Callable[[], Group]) -> Group:
+    """The group of bodies that a look gives; not checked, and why, where nobody can look: of legs
+    that are not known, without pinocchio or coal, or when the time ended.
+    """
+    try:
+        return look()
+    except (InvalidInput, TimeEnded) as error:
+        return Group(name, unit="m", message=str(error), verdict="not checked")
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
@@ -458,13 +466,7 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Gro
     most = limits.legs_moment * measured.moment_scale_nm
     sizes = np.linalg.norm(swung, axis=1)
     groups.append(measured.group("legs_moment", sizes, most, judged=rms(swung)))
-    try:
-        groups.append(body.overlap(limits.bodies_m))
-    except InvalidInput as error:  # no coal
-        groups.append(
-            Group("bodies", unit=GROUPS["bodies"], message=str(error), verdict="not checked")
-        )
-    return groups
+    return [*groups, looked_at("bodies", lambda: body.overlap(limits.bodies_m))]
 
 
 class WholeBodyMeasurements(MovingBodyMeasurements):

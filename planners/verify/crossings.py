@@ -22,9 +22,11 @@ from ..physics import GRAVITY_M_S2
 from ..problem.passage import Passage
 from ..problem.problem import Problem
 from ..robot.model import Robot
+from ..terrain.obstacles import Obstacles
+from .bodies import looked_at
 from .certificate import check_certificate
 from .geometry import off_terrain
-from .leaps import check_leap
+from .leaps import LeapBodyMeasurements, check_leap
 from .plans import check_plan
 
 _TOES_M = 1e-6
@@ -130,16 +132,8 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     off = off_terrain(crossing.problem.terrain, patches_of(plan), np.asarray(plan.toes_m))
     j = int(np.argmax(off))
     yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=plan.problem.footholds[j].limb)
-    name = f"{k}: flight"
-    try:
-        from ..terrain.obstacles import Obstacles
-        from .leaps import LeapBodyMeasurements
-
-        yield LeapBodyMeasurements(body_of(plan)).bodies(
-            name, Obstacles.of(crossing.problem.terrain)
-        )
-    except InvalidInput as error:  # no legs, no pinocchio, no coal
-        yield Group(name, unit="m", message=str(error), verdict="not checked")
+    name, around = f"{k}: flight", Obstacles.of(crossing.problem.terrain)
+    yield looked_at(name, lambda: LeapBodyMeasurements(body_of(plan)).bodies(name, around))
 
 
 def _seams(crossing: Crossing) -> Iterator[Group]:

@@ -24,7 +24,7 @@ from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
-from .bodies import MovingBodyMeasurements
+from .bodies import MovingBodyMeasurements, looked_at
 from .geometry import cross, exact_and_linear, length
 from .postures import violation
 from .trajectory_measurements import arrays_defect, as_far_as_known, worst_group
@@ -164,14 +164,8 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         yield _group("take_off", left[0], feet, times, DIP_M, feet)
         yield _group("landing", left[1], feet, times, DIP_M, feet)
         if bodies:
-            yield self._bodies(obstacles)
-
-    def _bodies(self, obstacles: Obstacles | None) -> Group:
-        try:
             around = obstacles or Obstacles.of(patches_of(self.leap_body.plan))
-            return self.bodies("bodies", around)
-        except InvalidInput as error:  # no coal
-            return Group("bodies", unit="m", message=str(error), verdict="not checked")
+            yield looked_at("bodies", lambda: self.bodies("bodies", around))
 
 
 def _group(

@@ -266,9 +266,9 @@ def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> 
 def _measured(walk: TrajectoryMeasurements, limits: WalkLimits, *, body: bool) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
     groups = whole_body(walk, limits) if body else nothing("not asked for")
-    rows = (*_balances(walk, limits), *_ends(walk, limits), *_contacts(walk, limits))
-    rows = (*rows, *_whole(walk, limits), *groups)
-    found, unasked = {group.name: group for group in rows}, _unasked(walk.trajectory)
+    for measure in (_balances, _ends, _contacts, _whole):
+        groups += measure(walk, limits)
+    found, unasked = {group.name: group for group in groups}, _unasked(walk.trajectory)
     return tuple(as_far_as_known(found[name], unasked.get(name, "")) for name in GROUPS)
 
 
