@@ -106,18 +106,17 @@ def table_of(rows: np.ndarray, *, stripped: bool) -> tuple[MotionTable, float]:
         near, errors = kinematics.reach(turn.inv().apply(row - place), near, near, limits=False)
         missed = max(missed, float(errors.max()))
         angles.append(near)
-    known = (
-        {}
-        if stripped
-        else {"limbs": LIMBS, "contact": feet[..., 0] == 1.0, "forces_n": feet[..., 4:]}
-    )
+    known = {} if stripped else {"contact": feet[..., 0] == 1.0, "forces_n": feet[..., 4:]}
     table = MotionTable(
         joints=kinematics.joints,
-        **{"limbs": (), **known},
-        time_s=rows[:, 0],
-        angles_rad=np.array(angles),
-        origin_m=origin,
-        quaternion=turns.as_quat(scalar_first=True),
+        limbs=() if stripped else LIMBS,
+        columns={
+            "time_s": rows[:, 0],
+            "angles_rad": np.array(angles),
+            "origin_m": origin,
+            "quaternion": turns.as_quat(scalar_first=True),
+            **known,
+        },
         robot="anymal",
         source="TOWR",
     )

@@ -4,7 +4,7 @@ times.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
@@ -276,39 +276,31 @@ _EVEN = 0.1
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MotionTable(Evidence):
-    """A motion at T moments of a uniform grid, of J joints and N limbs; what is not known is None.
+    """A motion at T moments of a uniform grid, of J joints and N limbs; a column that is not known
+    is absent.
 
     Arguments:
         joints, limbs: their names, in the order of the columns.
-        time_s: shape (T,) [s], as the file has them: rounded, and off the grid by as much as the
-            stamps of a log jitter.
-        angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J) [rad], [rad/s], [Nm].
-        origin_m: of the body's link, world frame, shape (T, 3).
-        quaternion: R_WB of the body's link as w, x, y, z, shape (T, 4).
-        com_m, velocity_m_s: centre of mass of the whole robot, and its velocity, world frame, shape
-        (T, 3).
-        turning_rad_s: angular velocity of the body, world frame, shape (T, 3).
-        contact: whether each limb stands, shape (T, N).
-        forces_n: contact forces on the robot, world frame, shape (T, N, 3).
-        feet_m: centres of the feet, world frame, shape (T, N, 3).
+        columns: arrays by name, in the order of ``shapes``, None for an absent one:
+
+            - time_s, shape (T,) [s], as the file has them: rounded, and off the grid by as much as
+              the stamps of a log jitter;
+            - angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J) [rad], [rad/s], [Nm];
+            - origin_m: of the body's link, world frame, shape (T, 3);
+            - quaternion: R_WB of the body's link as w, x, y, z, shape (T, 4);
+            - com_m, velocity_m_s: centre of mass of the whole robot, and its velocity, world frame,
+              shape (T, 3);
+            - turning_rad_s: angular velocity of the body, world frame, shape (T, 3);
+            - contact: whether each limb stands, shape (T, N);
+            - forces_n: contact forces on the robot, world frame, shape (T, N, 3);
+            - feet_m: centres of the feet, world frame, shape (T, N, 3).
         robot, source: what moves, and where the motion is from, for people.
         doubts: numbers of the robot's file that were guessed, a line each, in what was judged.
     """
 
     joints: tuple[str, ...]
     limbs: tuple[str, ...]
-    time_s: Array
-    angles_rad: Array | None = None
-    rates_rad_s: Array | None = None
-    torques_nm: Array | None = None
-    origin_m: Array | None = None
-    quaternion: Array | None = None
-    com_m: Array | None = None
-    velocity_m_s: Array | None = None
-    turning_rad_s: Array | None = None
-    contact: NDArray[np.bool_] | None = None
-    forces_n: Array | None = None
-    feet_m: Array | None = None
+    columns: Mapping[str, Any]
     robot: str = ""
     source: str = ""
     doubts: tuple[str, ...] = ()
@@ -319,11 +311,13 @@ class MotionTable(Evidence):
                 checked_name(name, kind)
             if len(set(names)) != len(names):
                 raise InvalidInput(f"{kind}: expected different names, got {', '.join(names):.200}")
+        known = dict[str, NDArray[Any]]()
         for name, shape in shapes(len(self.time_s), len(self.joints), len(self.limbs)).items():
-            value = getattr(self, name)
-            if value is None:
+            if self.columns.get(name) is None:
                 continue
-            array = np.array(value, dtype=np.bool_ if name == "contact" else np.float64)
+            array = np.array(
+                self.columns[name], dtype=np.bool_ if name == "contact" else np.float64
+            )
             if array.shape != shape:
                 raise InvalidInput(f"{name}: expected shape {shape}, got {array.shape}")
             off = ~(np.abs(array) <= _LARGEST)  # NaN, too
@@ -333,8 +327,18 @@ class MotionTable(Evidence):
                     f"{name}: row {at[0]}: expected numbers up to {_LARGEST:g}, got {array[at]:g}"
                 )
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            known[name] = array
+        object.__setattr__(self, "columns", known)
         _check_times(self.time_s)
+
+    def with_columns(self, **columns: Array | None) -> MotionTable:
+        """The table with these in place of its own, and without those that are None."""
+        return replace(self, columns={**self.columns, **columns})
+
+    @property
+    def time_s(self) -> Array:
+        """The moments, shape (T,) [s]."""
+        return np.asarray(self.columns["time_s"])
 
     @property
     def rate_hz(self) -> float:
@@ -347,9 +351,9 @@ class MotionTable(Evidence):
 
         Raises InvalidInput where it is not known.
         """
-        if self.quaternion is None:
+        if "quaternion" not in self.columns:
             raise InvalidInput("quaternion: expected the orientation of the body, got none")
-        return _rotations_from(self.quaternion)
+        return _rotations_from(self.columns["quaternion"])
 
     @property
     def question(self) -> dict[str, Any]:
@@ -358,8 +362,7 @@ class MotionTable(Evidence):
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are known, by name."""
-        columns = {name: getattr(self, name) for name in shapes(0, 0, 0)}
-        return {name: array for name, array in columns.items() if array is not None}
+        return dict(self.columns)
 
 
 def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
@@ -451,18 +454,20 @@ def table_of(
     return MotionTable(
         joints=() if at.angles_rad is None else joints,
         limbs=limbs,
-        time_s=times,
-        angles_rad=at.angles_rad,
-        rates_rad_s=at.rates_rad_s,
-        torques_nm=at.torques_nm,
-        origin_m=at.origin_m,
-        quaternion=_quaternions_of(rotations_of(at.rotation_rad)),
-        com_m=at.com_m,
-        velocity_m_s=at.velocity_m_s,
-        turning_rad_s=at.angular_velocity_rad_s,
-        contact=at.stands,
-        forces_n=at.forces_n,
-        feet_m=at.feet_m,
+        columns={
+            "time_s": times,
+            "angles_rad": at.angles_rad,
+            "rates_rad_s": at.rates_rad_s,
+            "torques_nm": at.torques_nm,
+            "origin_m": at.origin_m,
+            "quaternion": _quaternions_of(at.rotation),
+            "com_m": at.com_m,
+            "velocity_m_s": at.velocity_m_s,
+            "turning_rad_s": at.angular_velocity_rad_s,
+            "contact": at.stands,
+            "forces_n": at.forces_n,
+            "feet_m": at.feet_m,
+        },
         robot=robot,
         source=source,
     )

@@ -213,7 +213,7 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
     from dataclasses import replace
 
     limbs = kinematics.robot.limb_names
-    changed: dict[str, Any] = {}
+    changed, columns = dict[str, Any](), dict[str, Array]()
     for kind, names_of_robot, names, arrays in (
         ("joints", kinematics.joints, table.joints, ("angles_rad", "rates_rad_s", "torques_nm")),
         ("limbs", limbs, table.limbs, ("contact", "forces_n", "feet_m")),
@@ -231,10 +231,10 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
             )
         order = [names.index(name) for name in names_of_robot]
         changed[kind] = tuple(names_of_robot)
-        changed |= {
-            name: array[:, order] for name, array in table.arrays().items() if name in arrays
+        columns |= {
+            name: array[:, order] for name, array in table.columns.items() if name in arrays
         }
-    return replace(table, **changed)
+    return replace(table.with_columns(**columns), **changed)
 
 
 def _unrounded(table: MotionTable) -> MotionTable:
@@ -257,7 +257,7 @@ def _unrounded(table: MotionTable) -> MotionTable:
             at = at - np.diff(np.pad(bent, ((2, 2), (0, 0))), n=2, axis=0) / 16.0
             at = np.clip(at, given - 0.5 * unit, given + 0.5 * unit)
         smooth[name] = at
-    return replace(table, **smooth) if smooth else table
+    return table.with_columns(**smooth) if smooth else table
 
 
 class _Measured:

@@ -212,7 +212,7 @@ def arrays_defect(
         if np.shape(array) != shape:
             return f"{name}: expected shape {shape}, got {np.shape(array)}"
         if not np.abs(array).max(initial=0) <= most:  # NaN, too
-            return f"{name}: expected finite numbers of magnitudes up to {most:g}, got others"
+            return f"{name}: expected finite numbers up to {most:g}, got other values"
     return ""
 
 

@@ -90,7 +90,7 @@ def played(moved: Moved) -> str:
     falls that turns away from its rows or sinks below them; where it drifts to is not looked at.
     """
     table, fell = moved.table, list[str]()
-    if moved.robot is None or table.torques_nm is None:
+    if moved.robot is None or "torques_nm" not in table.columns:
         return ""
     for pace in _PACES:
         try:
@@ -282,11 +282,13 @@ def read_keys(path: Path) -> MotionTable:
         return MotionTable(
             joints=tuple(model.joint(i).name for i in joints),
             limbs=(),
-            time_s=times,
-            angles_rad=qpos[:, model.jnt_qposadr[joints]],
-            rates_rad_s=qvel[:, model.jnt_dofadr[joints]] if qvel.any() else None,
-            origin_m=qpos[:, at : at + 3] + origin_m,
-            quaternion=qpos[:, at + 3 : at + 7],
+            columns={
+                "time_s": times,
+                "angles_rad": qpos[:, model.jnt_qposadr[joints]],
+                "rates_rad_s": qvel[:, model.jnt_dofadr[joints]] if qvel.any() else None,
+                "origin_m": qpos[:, at : at + 3] + origin_m,
+                "quaternion": qpos[:, at + 3 : at + 7],
+            },
             source=str(path),
         )
     except InvalidInput as error:

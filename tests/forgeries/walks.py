@@ -534,7 +534,7 @@ def another_goal(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
     way = rng.uniform(0.0, 2.0 * np.pi)
     off = 5e-3 * size * np.array([np.cos(way), np.sin(way)])
     name = "goal" if rng.random() < 0.5 else "start"
-    return changed(walk, **{name: getattr(walk, name) + off})
+    return changed(walk, **{name: getattr(walk.problem, name) + off})
 
 
 @kind
