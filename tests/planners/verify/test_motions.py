@@ -248,8 +248,7 @@ def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_th
     )
     for speed, stands in ((0.05, True), (0.3, False)):
         moving = origin[0] + np.outer(moved.table.time_s - moved.table.time_s[0], [speed, 0.0, 0.0])
-        table = replace(
-            still,
+        table = still.with_columns(
             origin_m=moving,
             quaternion=np.tile(moved.table.arrays()["quaternion"][0], (len(angles), 1)),
         )

@@ -313,8 +313,10 @@ def test_torques_that_leave_turn_joints_against_their_damping_and_friction(tmp_p
         moved = moved_of(walk, "npz", 100.0)
         tables.append(moved.table)
     free, stiffer = tables
-    against = free.rates_rad_s + 2.0 * np.tanh(free.rates_rad_s / 0.1)
-    np.testing.assert_allclose(stiffer.torques_nm - free.torques_nm, against, atol=1e-9)
+    against = free.columns["rates_rad_s"] + 2.0 * np.tanh(free.columns["rates_rad_s"] / 0.1)
+    np.testing.assert_allclose(
+        stiffer.columns["torques_nm"] - free.columns["torques_nm"], against, atol=1e-9
+    )
     assert np.abs(against).max() > 3.0
     groups = check_motion(stiffer, robot, moved.terrain)
     assert groups.group("effort").worst < 0.1
