@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3135, 42947),
     "learners": (5256, 78204),
-    "planners": (35414, 581601),
+    "planners": (35415, 581626),
     "runner": (6752, 91724),
     "views": (4383, 69876),
 }

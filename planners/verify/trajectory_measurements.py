@@ -211,8 +211,9 @@ def arrays_defect(
             continue
         if np.shape(array) != shape:
             return f"{name}: expected shape {shape}, got {np.shape(array)}"
-        if not np.abs(array).max(initial=0) <= most:  # NaN, too
-            return f"{name}: expected finite numbers up to {most:g}, got other values"
+        if not (largest := np.abs(array).max(initial=0)) <= most:  # NaN, too
+            wanted = f"magnitudes up to {most:g}" if np.isfinite(largest) else "finite numbers"
+            return f"{name}: expected {wanted}, got {largest:g}"
     return ""
 
 
