@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -414,11 +414,14 @@ class MovingBodyMeasurements:
         return self.times_s[rows], body.at(rows)
 
 
-def nothing(why: str) -> list[Group]:
-    """None of the groups of ``WHOLE_BODY`` measured, and why."""
-    return [
-        Group(name, unit=GROUPS[name], message=why, verdict="not checked") for name in WHOLE_BODY
-    ]
+def nothing(why: str, units: Mapping[str, str] | None = None) -> list[Group]:
+    """None of some groups measured, and why.
+
+    Arguments:
+        units: of the groups by name; None for those of ``WHOLE_BODY``.
+    """
+    names = units or {name: GROUPS[name] for name in WHOLE_BODY}
+    return [Group(name, unit=names[name], message=why, verdict="not checked") for name in names]
 
 
 def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Group]:

@@ -24,7 +24,7 @@ from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
-from .bodies import MovingBodyMeasurements, looked_at
+from .bodies import MovingBodyMeasurements, looked_at, nothing
 from .geometry import cross, exact_and_linear, length
 from .postures import violation
 from .trajectory_measurements import arrays_defect, as_far_as_known, worst_group
@@ -187,15 +187,7 @@ def _body_groups(plan: LeapPlan) -> tuple[Group, ...]:
     try:
         return tuple(LeapBodyMeasurements(body_of(plan)).groups())
     except InvalidInput as error:
-        return _unjudged(str(error))
-
-
-def _unjudged(why: str) -> tuple[Group, ...]:
-    """The groups of a leap's whole body, as not judged."""
-    return tuple(
-        Group(name, unit=_BODY_UNITS[name], message=why, verdict="not checked")
-        for name in LEAP_BODY
-    )
+        return tuple(nothing(str(error), _BODY_UNITS))
 
 
 def with_body(report: Report[LeapPlan]) -> Report[LeapPlan]:
@@ -257,7 +249,10 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
     judge = _Judge(plan)
     has_legs = plan.problem.robot.source.own
     report = Report(
-        groups=(*judge.groups(), *_unjudged("not asked for" if has_legs else _UNJUDGED)),
+        groups=(
+            *judge.groups(),
+            *nothing("not asked for" if has_legs else _UNJUDGED, _BODY_UNITS),
+        ),
         answer=plan,
         tolerance=_TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
