@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from .planners.answer.certificate import Certificate as Certificate, Crossing as Crossing
     from .planners.answer.plan import LeapPlan as LeapPlan, Plan as Plan
     from .planners.answer.report import Group as Group, Report as Report
-    from .planners.answer.trajectory import Trajectory as Trajectory
+    from .planners.answer.trajectory import Trajectory as Trajectory, WalkQuestion as WalkQuestion
     from .planners.errors import InvalidInput as InvalidInput, StancekitError as StancekitError
     from .planners.formats.motion_file import FileCheck as FileCheck
     from .planners.leap.finder import LeapFinder as LeapFinder
@@ -123,7 +123,7 @@ _HOMES = {
         "Group",
         "Report",
     ),
-    "planners.answer.trajectory": ("Trajectory",),
+    "planners.answer.trajectory": ("Trajectory", "WalkQuestion"),
     "planners.errors": (
         "InvalidInput",
         "StancekitError",

@@ -16,7 +16,7 @@ from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import or_null
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, located
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json, shown
 from stancekit.planners.problem import Problem
@@ -164,10 +164,8 @@ def _check_motion(
     if not isinstance(ground, Ground) and not ground:
         raise InvalidInput(f"course: expected one with a terrain of its own, got {course}")
     table = read_keys(path) if path.suffix == ".xml" else read_table(path)
-    try:
+    with located(str(path)):
         report = check_motion(table, who, ground, gravity_m_s2=gravity_m_s2)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
     return FileCheck(path=str(path), kind="motion", report=report, message=report.message)
 
 
@@ -187,14 +185,10 @@ def _check_sequence(
     from stancekit.planners.search.doctor import diagnosed
 
     rows, who = read_sequence(path), robot_of("hexapod" if robot is None else robot)
-    ground = None
-    if terrain is not None:
-        ground = FileTerrain.of(footholds_for(who, terrain)).along(np.zeros((1, 3)), Path())
-    deadline = time.perf_counter() + _LIMIT_S
-    try:
-        report = diagnosed(rows, who, ground, mend=why, deadline=deadline)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
+    over = None if terrain is None else FileTerrain.of(footholds_for(who, terrain))
+    ground = None if over is None else over.along(np.zeros((1, 3)), Path())
+    with located(str(path)):
+        report = diagnosed(rows, who, ground, mend=why, deadline=time.perf_counter() + _LIMIT_S)
     message = "; ".join(filter(None, (report.message, report.remark)))
     return FileCheck(path=str(path), kind="sequence", report=report, message=message)
 

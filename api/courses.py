@@ -137,8 +137,7 @@ def plan(
     if isinstance(course, str | Path) and is_leap_file(course):
         course, robot = _read_leap(course, robot), None
     if isinstance(course, Leap):
-        places = {"start": start, "goal": goal}
-        others = {**places, "frames": frames, "robot": robot}
+        others = {"start": start, "goal": goal, "frames": frames, "robot": robot}
         return _leap(course, method, settings, others, time_limit_s)
     if isinstance(method, LeapFinder):
         raise InvalidInput(

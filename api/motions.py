@@ -12,7 +12,7 @@ from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, located
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem import Problem
@@ -263,11 +263,9 @@ def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))
-    try:
+    with located(str(name)):
         policy = SelectorPolicy(learned.selector, class_envelopes(learned))
         policy.check_fits(course)
-    except InvalidInput as error:
-        raise InvalidInput(f"{name}: {error}") from None
     return policy
 
 
@@ -281,14 +279,10 @@ def _called(asked: Accepted[Any] | Problem) -> str:
     return "plan" if isinstance(asked, Problem) else str(asked.plan.WORD)
 
 
-def _json_of(path: str | Path) -> object:
-    return read_json(path) if Path(path).suffix == ".json" else None
-
-
 def _is_course(path: str | Path) -> bool:
     if str(path) in builtin_courses() or Path(path).suffix in (".yaml", ".yml"):
         return True
-    data = _json_of(path)
+    data = read_json(path) if Path(path).suffix == ".json" else None
     return isinstance(data, dict) and data.get("format") == Problem.FORMAT
 
 

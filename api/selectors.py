@@ -23,7 +23,7 @@ from stancekit.learners.selectors.selector import Learned, load_selector
 from stancekit.learners.surrogates.calibration import Screened
 from stancekit.learners.training.fitting import SPREAD as SPREAD, FitSettings, learn, missing
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput, not_installed
+from stancekit.planners.errors import InvalidInput, located, not_installed
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import read_yaml, typed
 from stancekit.planners.problem import PostureBatch, Problem
@@ -270,10 +270,9 @@ def _surrogate(
         from stancekit.learners.surrogates.surrogate import SurrogateSettings, fit_surrogate
     except ImportError as error:
         raise missing(_SURROGATE, error) from None
-    typed_settings = typed(SurrogateSettings, settings, "")
     return fit_surrogate(
         [rows_of(each) for each in several],
-        typed_settings,
+        typed(SurrogateSettings, settings, ""),
         progress,
         calibration=None if calibration is None else rows_of(calibration),
     )
@@ -295,11 +294,9 @@ def settings_of(
                 f"{config}: {name}: expected as an option, --{name.replace('_', '-')}"
             )
     FitSettings(**given).check_used(method)  # what is wrong with these is not the file's fault
-    try:
+    with located(str(config or "--config")):
         settings = typed(FitSettings, {**given, **extra}, "")
         settings.check(method)
-    except InvalidInput as error:
-        raise InvalidInput(f"{config or '--config'}: {error}") from None
     return settings.concerning(method)
 
 

@@ -141,8 +141,7 @@ def walk(
     try:
         return walked(asked, *search).answer
     except (NoPlace, PlanningFailed) as error:  # a goal in a solid, or no way
-        undecided = Status.UNDECIDED
-        return Answer(status=undecided, method=chart, problem=asked, message=str(error))
+        return Answer(status=Status.UNDECIDED, method=chart, problem=asked, message=str(error))
 
 
 def search_of(

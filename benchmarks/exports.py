@@ -16,7 +16,7 @@ limit of a robot whose joints have none. FILEs are what
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
@@ -28,8 +28,8 @@ from _bench import Options, launch, share
 import stancekit
 from stancekit.checks import check_file
 from stancekit.exports import read_accepted
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.motions import check_motion, nearest
 from stancekit.runner.export.formats import FORMATS, moved_of, scene_of
@@ -98,7 +98,7 @@ class Exports(Options):
                     known = [(a, b) for a, b in known if a.name not in apart]
                 same &= all(a.verdict == b.verdict for a, b in known)
                 off = max([off, *(abs(a.value - b.value) for a, b in known)])
-        bare = judged(replace(moved.table, contact=None, forces_n=None))
+        bare = judged(moved.table.with_columns(contact=None, forces_n=None))
         known = [
             (a, b)
             for a, b in zip(first.groups, bare.groups, strict=True)
@@ -130,12 +130,12 @@ def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terra
     angles, origin = np.array(known["angles_rad"]), np.array(known["origin_m"])
     count = len(angles)
     hump = np.sin(np.pi * np.clip(np.linspace(-0.5, 1.5, count), 0.0, 1.0)) ** 2
-    bare = replace(table, contact=None, forces_n=None, torques_nm=None, rates_rad_s=None)
+    bare = table.with_columns(contact=None, forces_n=None, torques_nm=None, rates_rad_s=None)
     if how == "limit":
         joint = int(np.argmax(np.isfinite(kinematics.highest_rad)))
         past = kinematics.highest_rad[joint] + BEYOND_RAD - angles[:, joint]
         angles[:, joint] += hump * past.max()
-        return replace(bare, angles_rad=angles)
+        return bare.with_columns(angles_rad=angles)
     if (
         how == "tip-over"
     ):  # the body goes aside, and its feet with it but those that stand: the joints follow
@@ -145,14 +145,16 @@ def spoiled(table: MotionTable, how: str, kinematics: Kinematics, terrain: Terra
         )
         far = float(aside[hump > 0.5].max()) + BESIDE_M
         origin[:, 1] += hump * far
-        return replace(bare, origin_m=origin, angles_rad=_followed(bare, origin, kinematics, None))
+        return bare.with_columns(
+            origin_m=origin, angles_rad=_followed(bare, origin, kinematics, None)
+        )
     foot = int(np.argmax(known["contact"].sum(axis=0)))
     along = np.tile([SLIP_M, 0.0, 0.0], (count, 1))
     if how == "overlap":
         radii = np.full(count, kinematics.radii_m[foot])
         along = -DEEP_M * nearest(terrain, known["feet_m"][:, foot], radii)[1]
-    return replace(
-        bare, angles_rad=_followed(bare, origin, kinematics, (foot, hump[:, None] * along))
+    return bare.with_columns(
+        angles_rad=_followed(bare, origin, kinematics, (foot, hump[:, None] * along))
     )
 
 

@@ -77,7 +77,7 @@ def forgeries(honest: Crossing, other: Crossing | None) -> Iterator[tuple[str, C
         parts[at] = part
         return replace(honest, parts=tuple(parts))
 
-    for name, part in leaps(leap, honest.terrain):
+    for name, part in leaps(leap, honest.problem.terrain):
         yield name, part if isinstance(part, str) else exchanged(part)
     com = replace(after, com_m=after.com_m + ASIDE_M)
     yield "body elsewhere after landing", exchanged(com, k + 1)

@@ -10,7 +10,7 @@ half of it refused. Exit code 1 if there is any of either, or a motion is refuse
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -18,9 +18,9 @@ import numpy as np
 import tyro
 from _bench import Options, launch
 
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import read_motion
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.motions import COLUMNS, check_motion
 from stancekit.runner.export.formats import moved_of
@@ -79,7 +79,7 @@ def forgeries(table: MotionTable, column: str) -> Iterator[tuple[float, object]]
             def fake(size: np.ndarray | float, part: slice = part) -> MotionTable:
                 array = np.array(table.arrays()[column])
                 array[part, ..., -1:] += size if np.ndim(size) == 0 else size[-1:]
-                return replace(table, **{column: array})
+                return table.with_columns(**{column: array})
 
             yield error, fake
 

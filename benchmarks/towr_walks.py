@@ -24,9 +24,9 @@ from scipy.spatial.transform import Rotation
 from towr import compiled
 
 from stancekit.checks import check_file
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.formats.table_file import csv_of
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.walker import named_walker
@@ -106,18 +106,17 @@ def table_of(rows: np.ndarray, *, stripped: bool) -> tuple[MotionTable, float]:
         near, errors = kinematics.reach(turn.inv().apply(row - place), near, near, limits=False)
         missed = max(missed, float(errors.max()))
         angles.append(near)
-    known = (
-        {}
-        if stripped
-        else {"limbs": LIMBS, "contact": feet[..., 0] == 1.0, "forces_n": feet[..., 4:]}
-    )
+    known = {} if stripped else {"contact": feet[..., 0] == 1.0, "forces_n": feet[..., 4:]}
     table = MotionTable(
         joints=kinematics.joints,
-        **{"limbs": (), **known},
-        time_s=rows[:, 0],
-        angles_rad=np.array(angles),
-        origin_m=origin,
-        quaternion=turns.as_quat(scalar_first=True),
+        limbs=() if stripped else LIMBS,
+        columns={
+            "time_s": rows[:, 0],
+            "angles_rad": np.array(angles),
+            "origin_m": origin,
+            "quaternion": turns.as_quat(scalar_first=True),
+            **known,
+        },
         robot="anymal",
         source="TOWR",
     )

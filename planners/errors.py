@@ -162,6 +162,16 @@ def _checkout() -> Path | None:
     return Path(url2pathname(urlsplit(origin["url"]).path)) if editable else None
 
 
+@contextmanager
+def located(where: str) -> Iterator[None]:
+    """What is refused within says where: this stands before it unless it begins so already."""
+    try:
+        yield
+    except InvalidInput as error:
+        told = str(error)
+        raise (error if told.startswith(where) else InvalidInput(f"{where}: {told}")) from None
+
+
 def check_time(deadline: float) -> None:
     """Raise TimeEnded after a deadline (``time.perf_counter()``)."""
     if time.perf_counter() > deadline:

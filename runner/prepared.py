@@ -292,7 +292,7 @@ def _of_gait(accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSett
         np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2)
     )  # of an inverted pendulum
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
-    ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
+    ground = Ground(heights=trajectory.problem.terrain, friction=trajectory.problem.friction)
     return _paced(
         accepted,
         world,

@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1438, 16902),
+    "api": (1427, 16850),
     "cli": (3440, 39850),
     "configs": (3, 30),
     "envs": (3135, 42947),
     "learners": (5256, 78204),
-    "planners": (35529, 582909),
-    "runner": (6758, 91765),
-    "views": (4384, 69884),
+    "planners": (35413, 581621),
+    "runner": (6752, 91724),
+    "views": (4383, 69876),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

@@ -178,7 +178,7 @@ class GaitView(View):
         feet = self.trajectory.feet_m[..., :2].reshape(-1, 2)
         room = 1.6 * self.shape.size_m
         low, high = feet.min(axis=0) - room, feet.max(axis=0) + room
-        least, most = np.array(self.trajectory.terrain.domain_m).T
+        least, most = np.array(self.trajectory.problem.terrain.domain_m).T
         inside = np.array([np.clip(low, least, most), np.clip(high, least, most)])
         return (
             inside if float(np.min(inside[1] - inside[0])) > 0.5 * room else np.array([low, high])
@@ -189,7 +189,7 @@ class GaitView(View):
         """The terrain on its block."""
         size = self.shape.size_m
         return block(
-            self.trajectory.terrain,
+            self.trajectory.problem.terrain,
             *self.bounds_m,
             facets=CELLS,
             depth_m=0.25 * size,
@@ -199,7 +199,7 @@ class GaitView(View):
     @cached_property
     def camera(self) -> Camera:
         """From the side of the path and above, where the terrain hides the robot least."""
-        terrain, points = self.trajectory.terrain, self.ground[0].points_m.reshape(-1, 3)
+        terrain, points = self.trajectory.problem.terrain, self.ground[0].points_m.reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0) + self.shape.size_m * UP
         span = float(np.linalg.norm(high - low))
         torso = self.trajectory.torso_m[:: max(1, self.trajectory.samples // 40)]
@@ -240,7 +240,7 @@ class GaitView(View):
         """Lines of constant x̄ and ȳ where they run over the surface, in pieces of shape (L, 2, 3)
         [m].
         """
-        field = self.trajectory.terrain
+        field = self.trajectory.problem.terrain
         longest = float(np.max(np.diff(field.domain_m)))
         return grid_on_ground(
             field, self.bounds_m[0], self.bounds_m[1], GRID_M, 1 + round(24 * longest), self.warp
@@ -290,7 +290,7 @@ class GaitView(View):
                     k,
                     DrawnBody(
                         name=f"{self.shape.limbs[foot]} foothold {k}",
-                        shape=disc(trajectory.terrain.normal(at[:2]), radius),
+                        shape=disc(trajectory.problem.terrain.normal(at[:2]), radius),
                         position_m=at,
                         colour=leg_colour(foot),
                         edge="white",
@@ -417,7 +417,7 @@ class GaitView(View):
     @property
     def title(self) -> str:
         """Title: the robot and the terrain."""
-        return f"{self.trajectory.robot.name} over {self.trajectory.terrain.name or 'a terrain'}"
+        return f"{self.trajectory.robot.name} over {self.trajectory.problem.terrain.name or 'a terrain'}"
 
     @property
     def legend(self) -> list[tuple[Colour, str]]:
@@ -448,7 +448,7 @@ def draw_motion(
     Raises:
         InvalidInput: for a trajectory of no samples or with values that are not finite.
     """
-    view, sticky = GaitView(trajectory, warp), trajectory.adhesive
+    view, sticky = GaitView(trajectory, warp), trajectory.problem.adhesive
     entries = [
         *(
             Entry(text=limb + "*" * bool(sticky[k]), sign="dot", colour=leg_colour(k))
@@ -473,7 +473,7 @@ def draw_motion(
     made = trajectory.provenance.get("chart", "")
     length = float(np.linalg.norm(np.diff(trajectory.torso_m, axis=0), axis=1).sum())
     verdict = "not verified" if report is None else report.message
-    words = f"{length:.2f} m in {trajectory.duration_s:g} s   ·   friction {trajectory.friction:g}   ·   {verdict}"
+    words = f"{length:.2f} m in {trajectory.duration_s:g} s   ·   friction {trajectory.problem.friction:g}   ·   {verdict}"
     headline(
         figure, caption or view.title + (f", {made}" if made else ""), words, alarm=_refused(report)
     )

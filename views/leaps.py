@@ -116,7 +116,7 @@ class LeapView(View):
     def offered(self) -> list[Patch]:
         """Surfaces that are shown: the terrain, or every patch that a leap's toes were offered."""
         if isinstance(self.subject, Crossing):
-            return list(self.subject.terrain)
+            return list(self.subject.problem.terrain)
         footholds = self.subject.problem.footholds
         return list({id(p): p for foothold in footholds for p in foothold.candidates}.values())
 

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan import Plan, patches_of
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Played, Samples
@@ -120,8 +120,7 @@ class PlanView(View):
     @cached_property
     def chosen(self) -> list[Patch]:
         """The patch of every foothold."""
-        course = self.plan.problem
-        return [course.patch(p, self.plan.choice) for p in range(len(course.footholds))]
+        return patches_of(self.plan)
 
     @cached_property
     def bounds_m(self) -> Array:

@@ -17,7 +17,7 @@ from ..problem.leap import Leap
 from ..problem.passage import Passage
 from ..robot.model import Robot
 from ..terrain.patch import Patch
-from .motion import Evidence, Motion, dulled, left_unchecked
+from .motion import Evidence, Motion, dulled, held, left_unchecked
 from .plan import LeapPlan, Plan
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class Certificate(Evidence):
     problem: Problem | Leap | Passage | None = None
 
     def __post_init__(self) -> None:
-        self._hold(np.float64, "tree", "multipliers")
+        held(self, np.float64, "tree", "multipliers")
 
     @property
     def sets(self) -> Sets | None:
@@ -223,44 +223,24 @@ class Crossing(Motion):
     @property
     def question(self) -> dict[str, Any]:
         """The way as JSON-ready values: its parts, and what key frames alone came to."""
-        proof = None if self.certificate is None else self.certificate.content()
         return {
             "format": self.FORMAT,
             "name": self.name,
             "refusal": self.refusal,
             "parts": [part.content() for part in self.parts],
-            "certificate": proof,
+            "certificate": None if self.certificate is None else self.certificate.content(),
         }
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """None: its parts have theirs."""
-        return {}
-
     @property
-    def first(self) -> Problem:
+    def problem(self) -> Problem:
         """The course of the first climb, which has all of the terrain."""
         problem = self.parts[0].problem
         assert isinstance(problem, Problem)
         return problem
 
-    @property
-    def robot(self) -> Robot:
-        """The robot of the first climb."""
-        return self.first.robot
-
-    @property
-    def gravity_m_s2(self) -> float:
-        """Gravity that it counts on [m/s²]."""
-        return self.first.gravity_m_s2
-
-    @property
-    def terrain(self) -> tuple[Patch, ...]:
-        """Every surface that there is."""
-        return self.first.terrain
-
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
         """Every surface that there is, with this share of its friction."""
-        return dulled(self.terrain, friction_share)
+        return dulled(self.problem.terrain, friction_share)
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
         """The reason why no runner executes it: all of it has to be checked, a leap among it."""

@@ -27,6 +27,32 @@ if TYPE_CHECKING:
     from ..terrain.patch import Patch
 
 
+KINDS: Mapping[str, type] = {
+    **dict.fromkeys(("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad"), np.float64),
+    **dict.fromkeys(("toes_m", "forces_n", "points_m", "point_forces_n"), np.float64),
+    **dict.fromkeys(("joints_rad", "legs_turn_rad", "gather"), np.float64),
+    **dict.fromkeys(("times_s", "torso_m", "rotation", "feet_m"), np.float64),
+    **dict.fromkeys(("choice", "modes"), np.int_),
+    "contact": np.bool_,
+}
+"""The arrays of motions, and what they are of."""
+
+
+def held(thing: Any, kind: type, *names: str) -> None:
+    """Keep read-only copies of some of its arrays, of this type.
+
+    Raises InvalidInput for what is no array of numbers.
+    """
+    for name in names:
+        try:
+            array: NDArray[Any] = np.array(getattr(thing, name), dtype=kind)
+        except (TypeError, ValueError, OverflowError):
+            came = shown(getattr(thing, name))
+            raise InvalidInput(f"{name}: expected an array of numbers, got {came}") from None
+        array.setflags(write=False)
+        object.__setattr__(thing, name, array)
+
+
 class Evidence:
     """Base of what answers a question by arrays."""
 
@@ -34,20 +60,6 @@ class Evidence:
     """The verifier's groups of the whole body, beside those of contacts."""
     MOMENT: ClassVar[str] = ""
     """What its moments count: "frame" or "interval"; seconds where empty."""
-
-    def _hold(self, kind: type, *names: str) -> None:
-        """Keep read-only copies of arrays of this type.
-
-        Raises InvalidInput for what is no array of numbers.
-        """
-        for name in names:
-            try:
-                array: NDArray[Any] = np.array(getattr(self, name), dtype=kind)
-            except (TypeError, ValueError, OverflowError):
-                came = shown(getattr(self, name))
-                raise InvalidInput(f"{name}: expected an array of numbers, got {came}") from None
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
 
     @property
     def question(self) -> dict[str, Any]:
@@ -104,29 +116,64 @@ class Evidence:
 
 
 class Motion(Evidence):
-    """Base of the solutions: plans of key frames, walks, leaps and crossings.
+    """Base of the solutions, plans of key frames, walks, leaps and crossings: a problem, and arrays
+    that answer it, with a row a key frame, a sample or an interval.
 
     Arguments:
+        problem: what it answers.
         provenance: origin, names to texts or numbers.
     """
 
     WORD: ClassVar[str]
     """What the motion is called in messages."""
+    LATER: ClassVar[tuple[str, ...]] = ()
+    """The arrays that it may be without."""
     provenance: Mapping[str, Any]
     if TYPE_CHECKING:
 
         @property
-        def robot(self) -> Robot:
-            """The robot that moves."""
+        def problem(self) -> Any:
+            """What it answers."""
 
         @property
         def name(self) -> str:
             """Name of what it answers."""
 
+    def __post_init__(self) -> None:
+        for name, value in list(vars(self).items()):
+            if name in KINDS and value is not None:
+                held(self, KINDS[name], name)
+
+    @classmethod
+    def shapes(cls, problem: Any, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
+        """The shape that each array of an answer to a problem has, by name; none where all arrays
+        are those of its parts.
+
+        Arguments:
+            rows: how many samples there are, where the problem leaves that open.
+        """
+        return {}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are known, by name."""
+        known = {name: getattr(self, name) for name in self.shapes(self.problem)}
+        return {name: np.asarray(array) for name, array in known.items() if array is not None}
+
+    @property
+    def question(self) -> dict[str, Any]:
+        """The problem as JSON-ready values."""
+        return dict(self.problem.to_json())
+
+    @property
+    def robot(self) -> Robot:
+        """The robot that moves."""
+        robot: Robot = self.problem.robot
+        return robot
+
     @property
     def gravity_m_s2(self) -> float:
-        """Gravity that it counts on [m/s²]."""
-        return GRAVITY_M_S2
+        """Gravity that it counts on [m/s²], where its problem says nothing else."""
+        return float(getattr(self.problem, "gravity_m_s2", GRAVITY_M_S2))
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...] | Ground:
         """The terrain that it is over, with this share of the friction that it counts on."""

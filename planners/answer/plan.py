@@ -9,176 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InvalidInput
-from ..files.arrays import Array, checked_name, grain
+from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..robot.model import Robot
 from ..robot.robot_file import joint_names
 from ..terrain.patch import Frame, Patch
-from .motion import Evidence, Motion, dulled
-
-FORMAT = "stancekit/motion/1"
-OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
-"""Arrays with a column per joint, and what the columns' names begin with."""
-OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
-"""The same of those with a column, or three, per limb."""
-_LARGEST = 1e10
-"""No place, speed or force of a motion is larger, nor seconds since 1970 for some centuries."""
-_EVEN = 0.1
-"""Times are those of a uniform grid to this share of a step: stamps of logs jitter."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MotionTable(Evidence):
-    """A motion at T moments of a uniform grid, of J joints and N limbs; what is not known is None.
-
-    Arguments:
-        joints, limbs: their names, in the order of the columns.
-        time_s: shape (T,) [s], as the file has them: rounded, and off the grid by as much as the
-            stamps of a log jitter.
-        angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J) [rad], [rad/s], [Nm].
-        origin_m: of the body's link, world frame, shape (T, 3).
-        quaternion: R_WB of the body's link as w, x, y, z, shape (T, 4).
-        com_m, velocity_m_s: centre of mass of the whole robot, and its velocity, world frame, shape
-        (T, 3).
-        turning_rad_s: angular velocity of the body, world frame, shape (T, 3).
-        contact: whether each limb stands, shape (T, N).
-        forces_n: contact forces on the robot, world frame, shape (T, N, 3).
-        feet_m: centres of the feet, world frame, shape (T, N, 3).
-        robot, source: what moves, and where the motion is from, for people.
-        doubts: numbers of the robot's file that were guessed, a line each, in what was judged.
-    """
-
-    joints: tuple[str, ...]
-    limbs: tuple[str, ...]
-    time_s: Array
-    angles_rad: Array | None = None
-    rates_rad_s: Array | None = None
-    torques_nm: Array | None = None
-    origin_m: Array | None = None
-    quaternion: Array | None = None
-    com_m: Array | None = None
-    velocity_m_s: Array | None = None
-    turning_rad_s: Array | None = None
-    contact: NDArray[np.bool_] | None = None
-    forces_n: Array | None = None
-    feet_m: Array | None = None
-    robot: str = ""
-    source: str = ""
-    doubts: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        for names, kind in ((self.joints, "joints"), (self.limbs, "limbs")):
-            for name in names:
-                checked_name(name, kind)
-            if len(set(names)) != len(names):
-                raise InvalidInput(f"{kind}: expected different names, got {', '.join(names):.200}")
-        for name, shape in shapes(len(self.time_s), len(self.joints), len(self.limbs)).items():
-            value = getattr(self, name)
-            if value is None:
-                continue
-            array = np.array(value, dtype=np.bool_ if name == "contact" else np.float64)
-            if array.shape != shape:
-                raise InvalidInput(f"{name}: expected shape {shape}, got {array.shape}")
-            off = ~(np.abs(array) <= _LARGEST)  # NaN, too
-            if off.any():
-                at = tuple(np.argwhere(off)[0])
-                raise InvalidInput(
-                    f"{name}: row {at[0]}: expected numbers up to {_LARGEST:g}, got {array[at]:g}"
-                )
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-        _check_times(self.time_s)
-
-    @property
-    def rate_hz(self) -> float:
-        """Rows per second."""
-        return 1.0 / _grid(self.time_s)[0]
-
-    @property
-    def rotation(self) -> Array:
-        """R_WB, shape (T, 3, 3).
-
-        Raises InvalidInput where it is not known.
-        """
-        if self.quaternion is None:
-            raise InvalidInput("quaternion: expected the orientation of the body, got none")
-        return _rotations_from(self.quaternion)
-
-    @property
-    def question(self) -> dict[str, Any]:
-        """Names of joints and limbs, since a plan has no request of its own."""
-        return {"joints": self.joints, "limbs": self.limbs}
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are known, by name."""
-        columns = {name: getattr(self, name) for name in shapes(0, 0, 0)}
-        return {name: array for name, array in columns.items() if array is not None}
-
-
-def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
-    """The shape of each array of a table with so many of them."""
-    return {
-        "time_s": (rows,),
-        "angles_rad": (rows, joints),
-        "rates_rad_s": (rows, joints),
-        "torques_nm": (rows, joints),
-        "origin_m": (rows, 3),
-        "quaternion": (rows, 4),
-        "com_m": (rows, 3),
-        "velocity_m_s": (rows, 3),
-        "turning_rad_s": (rows, 3),
-        "contact": (rows, limbs),
-        "forces_n": (rows, limbs, 3),
-        "feet_m": (rows, limbs, 3),
-    }
-
-
-def _grid(times_s: Array) -> tuple[float, Array]:
-    """The step of the uniform grid nearest to times [s], and their distances from it, shape (T,)."""
-    rows, since = np.arange(len(times_s)) - 0.5 * (len(times_s) - 1), times_s - times_s[0]
-    step = float(rows @ since / (rows @ rows))
-    return step, np.abs(since - since.mean() - step * rows)
-
-
-def _check_times(times_s: Array) -> None:
-    """Raise InvalidInput for fewer than two times, and for such that are no uniform grid, to a
-    share of a step, or to the digits that the file has where these are less than a third of one.
-    """
-    if len(times_s) < 2:
-        raise InvalidInput(f"time_s: expected two rows or more, got {len(times_s)}")
-    steps = np.diff(times_s)
-    if not float(steps.min()) > 0.0:
-        row = int(steps.argmin())
-        raise InvalidInput(
-            f"time_s: row {row + 1}: expected times that increase, got {times_s[row]:g} s then "
-            f"{times_s[row + 1]:g} s"
-        )
-    step, off = _grid(times_s)
-    unit = grain(times_s)
-    if float(off.max()) > max(_EVEN * step, 0.55 * unit if 3.0 * unit <= step else 0.0):
-        usual = float(np.median(steps))
-        row = int(np.abs(steps - usual).argmax())
-        raise InvalidInput(
-            f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at "
-            f"{times_s[row]:g} s where others are {usual:.6g} s"
-        )
-
-
-def _rotations_from(quaternions: Array) -> Array:
-    """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3).
-
-    Raises InvalidInput for other lengths than 1.
-    """
-    from scipy.spatial.transform import Rotation
-
-    sizes = np.linalg.norm(quaternions, axis=1)
-    if (off := np.abs(sizes - 1.0)).max() > 1e-3:
-        row = int(off.argmax())
-        raise InvalidInput(f"quaternion: row {row}: expected a length of 1, got {sizes[row]:.4g}")
-    return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix())
-
+from .motion import Motion, dulled
 
 NOBODY_CARRIES = "no limb carries between frames"
 WHOLE_BODY = ("joints", "torque", "bodies", "motion")
@@ -188,10 +25,6 @@ MARGIN = "margin"
 """The group of a plan that measures what its stances bear beyond the weight."""
 LEAP_BODY = ("joints", "joint_speed", "torque", "legs_turn", "take_off", "landing", "bodies")
 """Groups of a leap that ask for a model of the robot's legs."""
-LEAP_ARRAYS = ("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad", "toes_m", "forces_n")
-"""The arrays of numbers that every leap has."""
-LATER = ("legs_turn_rad", "gather")
-"""The arrays that a leap may be without."""
 LEAST_GATHER, MOST_GATHER = np.array([0.05, 0.1]), np.array([0.49, 1.0])
 """Least and largest share of a flight after which legs are drawn up, and of a fold."""
 
@@ -233,6 +66,7 @@ class LeapPlan(Motion):
     WORD: ClassVar[str] = "leap"
     MOMENT: ClassVar[str] = "interval"
     BODY: ClassVar[tuple[str, ...]] = LEAP_BODY
+    LATER: ClassVar[tuple[str, ...]] = ("legs_turn_rad", "gather")
     problem: Leap
     timing: int
     choice: NDArray[np.int_]
@@ -246,24 +80,9 @@ class LeapPlan(Motion):
     gather: Array | None = None
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        known = {name for name in LATER if getattr(self, name) is not None}
-        self._hold(np.int_, "choice")
-        self._hold(np.float64, *LEAP_ARRAYS, *known)
-
     def __repr__(self) -> str:
         count, legs = len(self.forces_n), ", ".join(self.problem.robot.limb_names)
         return f"LeapPlan({self.problem.name}: {count} intervals of {legs})"
-
-    @property
-    def question(self) -> dict[str, Any]:
-        """The leap as JSON-ready values."""
-        return self.problem.to_json()
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that leaps."""
-        return self.problem.robot
 
     @property
     def name(self) -> str:
@@ -272,8 +91,7 @@ class LeapPlan(Motion):
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
         """The chosen surfaces, with this share of their friction."""
-        feet = range(len(self.problem.footholds))
-        return dulled([self.problem.patch(j, self.choice) for j in feet], friction_share)
+        return dulled(patches_of(self), friction_share)
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
         """The reason why no runner executes it: it has to begin and end at rest, and to be judged
@@ -283,10 +101,22 @@ class LeapPlan(Motion):
             return "it begins or ends in motion"
         return "its legs are not known: plan it with --robot FILE" if unchecked else ""
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The known arrays by name; the timing is one number."""
-        known = {name: getattr(self, name) for name in leap_shapes(self.problem)}
-        return {name: np.asarray(value) for name, value in known.items() if value is not None}
+    @classmethod
+    def shapes(cls, problem: Leap, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
+        """As of ``Motion``; the timing is one number."""
+        count, placed = problem.intervals, len(problem.footholds)
+        return {
+            "timing": (),
+            "choice": (placed,),
+            "com_m": (count + 1, 3),
+            "velocity_m_s": (count + 1, 3),
+            "momentum_m2_s": (count + 1, 3),
+            "rotation_rad": (count + 1, 3),
+            "toes_m": (placed, 3),
+            "forces_n": (count, len(problem.robot.limbs), 3),
+            "legs_turn_rad": (count, 3),
+            "gather": (2,),
+        }
 
     @property
     def turned_rad(self) -> Array:
@@ -301,64 +131,8 @@ class LeapPlan(Motion):
         return self.problem.times_s(self.timing)
 
 
-def leap_shapes(leap: Leap) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan of a leap has, by name."""
-    count, limbs, nodes = leap.intervals, len(leap.robot.limbs), (leap.intervals + 1, 3)
-    placed = len(leap.footholds)
-    return {
-        "timing": (),
-        "choice": (placed,),
-        "com_m": nodes,
-        "velocity_m_s": nodes,
-        "momentum_m2_s": nodes,
-        "rotation_rad": nodes,
-        "toes_m": (placed, 3),
-        "forces_n": (count, limbs, 3),
-        "legs_turn_rad": (count, 3),
-        "gather": (2,),
-    }
-
-
-_NUMBERS = (
-    "com_m",
-    "rotation_rad",
-    "toes_m",
-    "forces_n",
-    "points_m",
-    "point_forces_n",
-    "joints_rad",
-)
-"""Arrays of real numbers of a plan."""
-OPTIONAL = ("modes", "joints_rad")
-"""Arrays that a plan may be without."""
 PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 """Arrays with a row a frame, or a stance; of a posture there is one."""
-
-
-def plan_shapes(course: Problem) -> dict[str, tuple[int, ...]]:
-    """The shape that each array of a plan over a problem has, by name; joints of a posture are not
-    computed.
-    """
-    frames, limbs = course.frames, len(course.robot.limbs)
-    placed, stances = len(course.footholds), len(course.stances)
-    soles, joints = dict[str, tuple[int, ...]](), dict[str, tuple[int, ...]]()
-    if course.has_soles:
-        points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
-        soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
-    if course.is_posture:
-        joints = {} if course.has_soles else {"joints_rad": (frames, 0)}
-    elif course.robot.source.own or not course.has_soles:
-        joints = {"joints_rad": (frames, len(joint_names(course.robot)))}
-    return {
-        "com_m": (frames, 3),
-        "rotation_rad": (frames, 3),
-        "toes_m": (placed, 3),
-        "choice": (placed,),
-        "forces_n": (stances, limbs, 3),
-        **soles,
-        **joints,
-        "modes": (frames,),
-    }
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -405,6 +179,7 @@ class Plan(Motion):
     WORD: ClassVar[str] = "plan"
     MOMENT: ClassVar[str] = "frame"
     BODY: ClassVar[tuple[str, ...]] = (*WHOLE_BODY, MARGIN)
+    LATER: ClassVar[tuple[str, ...]] = ("modes", "joints_rad")
     problem: Problem
     com_m: Array
     rotation_rad: Array
@@ -417,10 +192,6 @@ class Plan(Motion):
     modes: NDArray[np.int_] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        for kind, names in ((np.float64, _NUMBERS), (np.int_, ("choice", "modes"))):
-            self._hold(kind, *(name for name in names if getattr(self, name) is not None))
-
     def __repr__(self) -> str:
         name, frames, limbs = (
             self.problem.name,
@@ -429,38 +200,38 @@ class Plan(Motion):
         )
         return f"Plan({name}: {frames} key frame{'s' if frames > 1 else ''} of {limbs})"
 
-    @property
-    def question(self) -> dict[str, Any]:
-        """The problem as JSON-ready values."""
-        return self.problem.to_json()
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are known, by name."""
-        known = {name: getattr(self, name) for name in plan_shapes(self.problem)}
-        return {name: array for name, array in known.items() if array is not None}
-
-    @property
-    def robot(self) -> Robot:
-        """The robot that climbs."""
-        return self.problem.robot
+    @classmethod
+    def shapes(cls, problem: Problem, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
+        """As of ``Motion``; joints of a posture are not computed."""
+        frames, limbs = problem.frames, len(problem.robot.limbs)
+        placed, stances = len(problem.footholds), len(problem.stances)
+        shapes: dict[str, tuple[int, ...]] = {
+            "com_m": (frames, 3),
+            "rotation_rad": (frames, 3),
+            "toes_m": (placed, 3),
+            "choice": (placed,),
+            "forces_n": (stances, limbs, 3),
+        }
+        if problem.has_soles:
+            soles = (limb.sole_m for limb in problem.robot.limbs)
+            points = max(1 if sole is None else len(sole) for sole in soles)
+            shapes["points_m"] = (placed, points, 3)
+            shapes["point_forces_n"] = (stances, limbs, points, 3)
+        if (problem.robot.source.own and not problem.is_posture) or not problem.has_soles:
+            joints = 0 if problem.is_posture else len(joint_names(problem.robot))
+            shapes["joints_rad"] = (frames, joints)
+        return {**shapes, "modes": (frames,)}
 
     @property
     def name(self) -> str:
         """Name of the problem."""
         return self.problem.name
 
-    @property
-    def gravity_m_s2(self) -> float:
-        """Gravity that it counts on [m/s²]."""
-        return self.problem.gravity_m_s2
-
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
         """The terrain, or the patches that are taken where the problem has none, with this share of
         their friction.
         """
-        feet = range(len(self.problem.footholds))
-        taken = self.problem.terrain or [self.problem.patch(p, self.choice) for p in feet]
-        return dulled(taken, friction_share)
+        return dulled(self.problem.terrain or patches_of(self), friction_share)
 
     def moment(self, when: float) -> str:
         """A key frame in words; a posture has one alone."""
@@ -592,3 +363,8 @@ class Plan(Motion):
         return {
             name: (array[0] if name in alone else array).tolist() for name, array in arrays.items()
         }
+
+
+def patches_of(plan: Plan | LeapPlan) -> list[Patch]:
+    """The patch that was chosen for every foothold."""
+    return [plan.problem.patch(p, plan.choice) for p in range(len(plan.problem.footholds))]

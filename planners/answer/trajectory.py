@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, SupportsFloat
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import Array
+from ..files.documents import shown
 from ..files.writing import first_difference
-from .motion import Motion, left_unchecked
+from .motion import Motion, held, left_unchecked
 
 if TYPE_CHECKING:
     from ..robot.model import Robot
@@ -35,20 +36,10 @@ SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory(Motion):
-    """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are
-    read-only copies.
-
-    Shapes, finiteness and sense are the verifier's to judge (``verify``), so that whatever an
-    optimiser returns can be held and looked at.
+class WalkQuestion:
+    """What is asked of a walk, whatever planner it is for.
 
     Arguments:
-        times_s: shape (K,) [s].
-        torso_m: centre of mass p_WB, shape (K, 3) [m].
-        rotation: R_WB, shape (K, 3, 3).
-        feet_m: p_WF, shape (K, E, 3) [m].
-        forces_n: contact forces on the robot f_W, shape (K, E, 3) [N].
-        contact: True for feet that stand, shape (K, E), bool.
         robot, terrain: what walks, and where.
         friction: ν of W5.
         adhesive: feet without a friction cone, shape (E,), bool.
@@ -59,6 +50,81 @@ class Trajectory(Motion):
         still: whether it has to be at rest at the start, and at the end.
         suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for
             no bound.
+
+    Raises:
+        InvalidInput: for values that are no arrays of numbers.
+    Source:
+        Pan et al. §III, W2-W7.
+
+    Example:
+        >>> import numpy as np, stancekit
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+        >>> walk = stancekit.Walk.over(level, (0.2, 0.0))
+        >>> asked = stancekit.WalkQuestion(robot=walk.robot, terrain=level, friction=0.7, adhesive=walk.adhesive,
+        ...                                start=walk.start, goal=walk.goal)
+        >>> asked.goal.tolist(), asked.still
+        ([0.2, 0.0], (False, False))
+    """
+
+    FORMAT: ClassVar[str] = "stancekit/walk/1"
+    robot: Robot
+    terrain: HeightField
+    friction: float
+    adhesive: NDArray[np.bool_]
+    start: Array
+    goal: Array
+    heading_rad: float | None = None
+    heading_end_rad: float | None = None
+    still: tuple[bool, bool] = (False, False)
+    suction_n: float | None = None
+
+    def __post_init__(self) -> None:
+        held(self, np.float64, "start", "goal")
+        held(self, np.bool_, "adhesive")
+        for name in ("friction", "heading_rad", "heading_end_rad", "suction_n"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else float(value))
+        start, end = self.still
+        object.__setattr__(self, "still", (bool(start), bool(end)))
+
+    @property
+    def name(self) -> str:
+        """Name of the terrain."""
+        return self.terrain.name or "gait"
+
+    def to_json(self) -> dict[str, Any]:
+        """The walk as JSON-ready values; the heights of its terrain are among the arrays."""
+        return {
+            "format": self.FORMAT,
+            "robot": self.robot.to_json(),
+            "terrain": self.terrain.name,
+            "friction": self.friction,
+            "adhesive": self.adhesive.tolist(),
+            "start": self.start.tolist(),
+            "goal": self.goal.tolist(),
+            "heading_rad": self.heading_rad,
+            "heading_end_rad": self.heading_end_rad,
+            "still": list(self.still),
+            "suction_n": self.suction_n,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory(Motion):
+    """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are
+    read-only copies.
+
+    Shapes, finiteness and sense are the verifier's to judge (``verify``), so that whatever an
+    optimiser returns can be held and looked at.
+
+    Arguments:
+        problem: what is asked of it.
+        times_s: shape (K,) [s].
+        torso_m: centre of mass p_WB, shape (K, 3) [m].
+        rotation: R_WB, shape (K, 3, 3).
+        feet_m: p_WF, shape (K, E, 3) [m].
+        forces_n: contact forces on the robot f_W, shape (K, E, 3) [N].
+        contact: True for feet that stand, shape (K, E), bool.
         provenance: origin, names to texts or numbers.
 
     Raises:
@@ -74,46 +140,33 @@ class Trajectory(Motion):
         (401, True)
     """
 
-    FORMAT: ClassVar[str] = "stancekit/walk/1"
     WORD: ClassVar[str] = "gait"
+    problem: WalkQuestion
     times_s: Array
     torso_m: Array
     rotation: Array
     feet_m: Array
     forces_n: Array
     contact: NDArray[np.bool_]
-    robot: Robot
-    terrain: HeightField
-    friction: float
-    adhesive: NDArray[np.bool_]
-    start: Array
-    goal: Array
-    heading_rad: float | None = None
-    heading_end_rad: float | None = None
-    still: tuple[bool, bool] = (False, False)
-    suction_n: float | None = None
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._hold(
-            np.float64, "times_s", "torso_m", "rotation", "feet_m", "forces_n", "start", "goal"
-        )
-        self._hold(np.bool_, "contact", "adhesive")
-        for name in ("heading_rad", "heading_end_rad", "suction_n"):
-            value = getattr(self, name)
-            object.__setattr__(self, name, None if value is None else float(value))
-        start, end = self.still
-        object.__setattr__(self, "still", (bool(start), bool(end)))
-        object.__setattr__(self, "friction", float(self.friction))
-        plain = {
-            name: value if isinstance(value, str) else float(value)
-            for name, value in self.provenance.items()
-        }
+        super().__post_init__()
+        plain = dict[str, str | float]()
+        for name, value in self.provenance.items():
+            if not isinstance(value, str | SupportsFloat):
+                came = shown(value)
+                raise InvalidInput(f"provenance.{name}: expected text or a number, got {came}")
+            plain[name] = value if isinstance(value, str) else float(value)
         object.__setattr__(self, "provenance", plain)
 
     def __repr__(self) -> str:
-        over = f" over {self.terrain.name}" if self.terrain.name else ""
+        over = f" over {self.problem.terrain.name}" if self.problem.terrain.name else ""
         return f"Trajectory({self.robot.name}{over}: {self.duration_s:.3g} s in {self.samples} samples)"
+
+    def asked(self, **changes: Any) -> Trajectory:
+        """The same samples as an answer to the question with these changes."""
+        return replace(self, problem=replace(self.problem, **changes))
 
     @property
     def samples(self) -> int:
@@ -135,32 +188,15 @@ class Trajectory(Motion):
         return float(self.times_s[-1] - self.times_s[0]) if self.samples else 0.0
 
     @property
-    def question(self) -> dict[str, Any]:
-        """The walk as JSON-ready values; the heights of its terrain are among the arrays."""
-        return {
-            "format": self.FORMAT,
-            "robot": self.robot.to_json(),
-            "terrain": self.terrain.name,
-            "friction": self.friction,
-            "adhesive": self.adhesive.tolist(),
-            "start": self.start.tolist(),
-            "goal": self.goal.tolist(),
-            "heading_rad": self.heading_rad,
-            "heading_end_rad": self.heading_end_rad,
-            "still": list(self.still),
-            "suction_n": self.suction_n,
-        }
-
-    @property
     def name(self) -> str:
         """Name of the terrain."""
-        return self.terrain.name or "gait"
+        return self.problem.name
 
     def ground(self, friction_share: float = 1.0) -> Ground:
         """The terrain as what is solid below its heights, with this share of the friction."""
         from ..terrain.obstacles import Ground
 
-        return Ground(heights=self.terrain, friction=friction_share * self.friction)
+        return Ground(heights=self.problem.terrain, friction=friction_share * self.problem.friction)
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
         """The reason why no world can execute it; empty if some can.
@@ -173,8 +209,8 @@ class Trajectory(Motion):
         left = [name for name in unchecked if self.robot.source.own or name not in WALK_BODY]
         if left:
             return left_unchecked(left)
-        if self.adhesive.any():
-            names = np.array(self.robot.limb_names)[self.adhesive]
+        if self.problem.adhesive.any():
+            names = np.array(self.robot.limb_names)[self.problem.adhesive]
             return f"no world has feet that stick, as {', '.join(names)} do"
         try:
             walking_robot(self.robot)
@@ -182,12 +218,23 @@ class Trajectory(Motion):
             return str(error)
         return ""
 
+    @classmethod
+    def shapes(cls, problem: WalkQuestion, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
+        """As of ``Motion``."""
+        feet = len(problem.robot.feet)
+        return {
+            "times_s": (rows,),
+            "torso_m": (rows, 3),
+            "rotation": (rows, 3, 3),
+            "feet_m": (rows, feet, 3),
+            "forces_n": (rows, feet, 3),
+            "contact": (rows, feet),
+        }
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The samples by name, and the terrain's arrays under ``terrain_…``."""
-        terrain = {
-            f"terrain_{name}": np.asarray(array) for name, array in self.terrain.to_arrays().items()
-        }
-        return {name: getattr(self, name) for name in SAMPLES} | terrain
+        terrain = self.problem.terrain.to_arrays().items()
+        return super().arrays() | {f"terrain_{name}": np.asarray(array) for name, array in terrain}
 
 
 def robot_from_json(data: Any) -> Robot:
@@ -197,11 +244,9 @@ def robot_from_json(data: Any) -> Robot:
     """
     from ..robot.walker import walker_from_json
 
-    try:
+    with located("robot"):
         robot = walker_from_json(data)
         _check_built_in(robot)
-    except InvalidInput as error:
-        raise InvalidInput(f"robot: {error}") from None
     return robot
 
 

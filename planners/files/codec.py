@@ -45,7 +45,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from .arrays import LARGEST, Array, archive_of, checked, collect_errors
 from .documents import shown, validated
 
@@ -166,10 +166,8 @@ def from_json(kind: type[Value], data: Any, *, whole: bool = True, where: str = 
             f"expected a JSON object with format {file_format!r}, got {type(data).__name__}"
         )
     keys = validated(keys_of(cast(Any, kind), whole=whole), data, where)
-    try:
+    with located(where):
         return cast(Value, _value(kind, keys))
-    except InvalidInput as error:
-        raise InvalidInput(f"{where}: {error}" if where else str(error)) from None
 
 
 @lru_cache(maxsize=128)

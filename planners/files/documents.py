@@ -246,9 +246,8 @@ def typed(kind: type[Value], given: Mapping[str, Any], where: str) -> Value:
     known = [field.name for field in fields(cast(Any, kind))]
     for name in given:
         if name not in known:
-            wanted = f"one of {', '.join(known)}"
             raise InvalidInput(
-                f"{prefix}{name}: expected {wanted}, got an unknown "
+                f"{prefix}{name}: expected one of {', '.join(known)}, got an unknown "
                 f"key{neighbour(str(name), known)}"
             )
     return validated(kind, dict(given), key=prefix)

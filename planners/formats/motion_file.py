@@ -21,10 +21,10 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..answer.certificate import Certificate, Crossing
 from ..answer.motion import Evidence, Motion, seal
-from ..answer.plan import LATER, OPTIONAL, WHOLE_BODY, LeapPlan, Plan, leap_shapes, plan_shapes
+from ..answer.plan import WHOLE_BODY, LeapPlan, Plan
 from ..answer.report import Report, verdict_digest
-from ..answer.trajectory import Trajectory, robot_from_json
-from ..errors import InvalidInput, not_installed
+from ..answer.trajectory import Trajectory, WalkQuestion, robot_from_json
+from ..errors import InvalidInput, located, not_installed
 from ..files.arrays import unpacked
 from ..files.codec import extracted
 from ..files.documents import read_json, shown, validated
@@ -55,15 +55,10 @@ Shapes = Mapping[str, tuple[int | None, ...]]
 M = TypeVar("M", bound=Motion)
 
 
-_Kind = tuple[
-    Callable[[Any, str], Any],
-    Callable[[Any, Mapping[str, NDArray[Any]]], Shapes],
-    Callable[..., Motion],
-    tuple[str, ...],
-]
-"""The motions that answer one kind of question: the question of its JSON-ready values; the shapes of
-the arrays, of a question and the arrays that there are, None for any length; the motion of question,
-arrays and provenance; and the arrays that may lack."""
+_Kind = tuple[Callable[[Any, str, dict[str, NDArray[Any]]], dict[str, Any]], type[Any]]
+"""The motions that answer one kind of question: what else than arrays they are made of, of the
+question's JSON-ready values, their place in the file, and the arrays, of which it takes what is not
+the motion's own; and they."""
 
 
 class _WalkKeys(BaseModel):
@@ -83,40 +78,20 @@ class _WalkKeys(BaseModel):
     suction_n: float | None
 
 
-def _walk(data: Any, where: str) -> dict[str, Any]:
-    keys = dict(validated(_WalkKeys, data, where))
-    del keys["format"]
-    return {**keys, "robot": robot_from_json(keys["robot"]), "still": tuple(keys["still"])}
-
-
-def _walk_shapes(asked: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Shapes:
-    count, feet = arrays["times_s"].size if "times_s" in arrays else None, len(asked["robot"].feet)
-    return {
-        "times_s": (count,),
-        "torso_m": (count, 3),
-        "rotation": (count, 3, 3),
-        "feet_m": (count, feet, 3),
-        "forces_n": (count, feet, 3),
-        "contact": (count, feet),
-        "terrain_x_m": (None,),
-        "terrain_y_m": (None,),
-        "terrain_heights_m": (None, None),
-    }
-
-
-def _walked(
-    asked: Mapping[str, Any], arrays: Mapping[str, Any], provenance: Mapping[str, Any]
-) -> Trajectory:
+def _walk(data: Any, where: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     from ..terrain.heightfield import HeightField  # loads splines
 
-    ground = {name: array for name, array in arrays.items() if name.startswith("terrain_")}
+    asked = dict(validated(_WalkKeys, data, where))
+    del asked["format"]
+    ground = {name: arrays.pop(name) for name in _GROUND if name in arrays}
+    _check_arrays(f"{where.removesuffix('question')}columns", ground, _GROUND, ())
     surface = {name.removeprefix("terrain_"): array for name, array in ground.items()}
-    samples = {name: array for name, array in arrays.items() if name not in ground}
-    terrain = HeightField.from_arrays(surface, asked["terrain"])
-    for name, value in provenance.items():
-        if not isinstance(value, str | float):
-            raise InvalidInput(f"provenance.{name}: expected text or a number, got {shown(value)}")
-    return Trajectory(**{**asked, "terrain": terrain}, **samples, provenance=provenance)
+    asked["terrain"] = HeightField.from_arrays(surface, asked["terrain"])
+    asked["robot"] = robot_from_json(asked["robot"])
+    return {"problem": WalkQuestion(**asked)}
+
+
+_GROUND = {"terrain_x_m": (None,), "terrain_y_m": (None,), "terrain_heights_m": (None, None)}
 
 
 def _leap(data: Any, where: str) -> Leap:
@@ -125,12 +100,9 @@ def _leap(data: Any, where: str) -> Leap:
     return leap_from_keys(data, where)
 
 
-def _leapt(leap: Leap, arrays: Mapping[str, NDArray[Any]], provenance: Any) -> LeapPlan:
-    numbers: dict[str, Any] = {**arrays, "timing": int(arrays["timing"])}
-    return LeapPlan(problem=leap, **numbers, provenance=provenance)
-
-
-def _crossing(data: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _crossing(
+    data: Mapping[str, Any], where: str, arrays: dict[str, NDArray[Any]]
+) -> dict[str, Any]:
     keys = {"format": str, "name": str, "refusal": str, "parts": list}
     _check_keys(data, {**keys, "certificate": object}, where)
     if not 0 < len(data["parts"]) <= _MOST_PARTS:
@@ -147,23 +119,13 @@ def _part(data: Any, where: str) -> Motion:
     return motion_from(data, where)
 
 
-_PLAN: _Kind = (
-    lambda data, where: Problem.from_json(data),
-    lambda problem, arrays: plan_shapes(problem),
-    lambda problem, arrays, told: Plan(problem=problem, **arrays, provenance=told),
-    OPTIONAL,
-)
+_PLAN: _Kind = (lambda data, where, arrays: {"problem": Problem.from_json(data)}, Plan)
 _KINDS: Mapping[str, _Kind] = {
     Problem.FORMAT: _PLAN,
     POSTURE: _PLAN,
-    Trajectory.FORMAT: (_walk, _walk_shapes, _walked, ()),
-    LEAP: (_leap, lambda leap, arrays: leap_shapes(leap), _leapt, LATER),
-    Crossing.FORMAT: (
-        _crossing,
-        lambda asked, arrays: {},
-        lambda asked, arrays, told: Crossing(**asked, provenance=told),
-        (),
-    ),
+    WalkQuestion.FORMAT: (_walk, Trajectory),
+    LEAP: (lambda data, where, arrays: {"problem": _leap(data, where)}, LeapPlan),
+    Crossing.FORMAT: (_crossing, Crossing),
 }
 """By the format of the question."""
 
@@ -240,8 +202,7 @@ def read_motion(path: str | Path, kind: type[M] = Motion) -> tuple[M, dict[str, 
     motion, content = read_evidence(path)
     if not isinstance(motion, kind):
         wanted = getattr(kind, "WORD", "motion")
-        got = getattr(motion, "WORD", "proof")
-        raise InvalidInput(f"{path}: expected a {wanted}, got a {got}")
+        raise InvalidInput(f"{path}: expected a {wanted}, got a {getattr(motion, 'WORD', 'proof')}")
     return motion, content
 
 
@@ -272,18 +233,16 @@ def motion_from(data: Mapping[str, Any], where: str) -> Motion:
     if found is None:
         came, known = shown(data["question"].get("format")), ", ".join(_KINDS)
         raise InvalidInput(f"{where}: question: expected a format of {known}, got {came}")
-    asked_of, shapes_of, made, optional = found
-    try:
-        asked = asked_of(data["question"], f"{where}: question")
-    except InvalidInput as error:
-        raise _located(error, f"{where}: question") from None
+    read, kind = found
     place = f"{where}: columns"
     arrays = _arrays(data["columns"], place)
-    _check_arrays(place, arrays, shapes_of(asked, arrays), optional)
-    try:
-        motion = made(asked, arrays, data["provenance"])
-    except InvalidInput as error:
-        raise _located(error, place) from None
+    with located(f"{where}: question"):
+        asked = read(data["question"], f"{where}: question", arrays)
+    rows = arrays["times_s"].size if "times_s" in arrays else 0
+    _check_arrays(place, arrays, kind.shapes(asked.get("problem"), rows), kind.LATER)
+    plain = {name: array if array.ndim else array.item() for name, array in arrays.items()}
+    with located(place):
+        motion: Motion = kind(**asked, **plain, provenance=data["provenance"])
     labels = motion.labels()
     for name in dict.fromkeys((*labels, *data["columns"])):
         if name != "npz" and data["columns"].get(name) != labels.get(name):
@@ -312,7 +271,7 @@ def certificate_from(data: Any, where: str) -> Certificate:
         if not isinstance(data, Mapping) or not isinstance(data.get(name), Mapping):
             raise InvalidInput(f"{where}: expected a proof with question and columns")
     question = data["question"]
-    try:
+    with located(f"{where}: question"):
         match question.get("format"):
             case Passage.FORMAT:
                 problem: Problem | Passage | Leap = Passage.from_json(question)
@@ -320,8 +279,6 @@ def certificate_from(data: Any, where: str) -> Certificate:
                 problem = _leap(question, where)
             case _:
                 problem = Problem.from_json(question)
-    except InvalidInput as error:
-        raise _located(error, f"{where}: question") from None
     place = f"{where}: columns"
     arrays = _arrays(data["columns"], place)
     _check_arrays(place, arrays, {"tree": (None, 5), "multipliers": (None, None)}, ())
@@ -332,12 +289,6 @@ def _arrays(columns: Mapping[str, Any], where: str) -> dict[str, NDArray[Any]]:
     if not isinstance(columns.get("npz"), str):
         raise InvalidInput(f"{where}.npz: expected an archive as text, got {shown(columns)}")
     return unpacked(extracted(columns["npz"], where), where)
-
-
-def _located(error: InvalidInput, where: str) -> InvalidInput:
-    """The error, with its place where it does not say it."""
-    told = str(error)
-    return error if told.startswith(where) else InvalidInput(f"{where}: {told}")
 
 
 def _check_keys(data: Any, keys: Mapping[str, type], where: str) -> None:
@@ -360,8 +311,7 @@ def _check_arrays(
     """Raise InvalidInput unless every array is there, of its shape and kind and finite; heights of
     a terrain are the terrain's to judge.
     """
-    needed = {name for name in shapes if name not in optional}
-    if not needed <= set(arrays) <= set(shapes):
+    if not {name for name in shapes if name not in optional} <= set(arrays) <= set(shapes):
         may = f" ({' and '.join(optional)} may lack)" if optional else ""
         raise InvalidInput(
             f"{where}: expected the arrays {', '.join(shapes)}{may}, got {sorted(arrays)}"
@@ -453,9 +403,8 @@ def check_file(
     """
     evidence, content = evidence_from(read_json(path) if data is None else data, str(path))
     of_plan, word = isinstance(evidence, Plan), getattr(evidence, "WORD", "proof")
-    takes_robot = isinstance(evidence, Plan | Trajectory)
     for name, given, used in (
-        ("robot", robot is not None, takes_robot),
+        ("robot", robot is not None, isinstance(evidence, Plan | Trajectory)),
         ("course", course is not None, of_plan),
         ("tolerance", tolerance is not None, of_plan),
         ("margins", margins, of_plan),
@@ -473,19 +422,16 @@ def check_file(
     listed = {
         name: report.group(name).verdict for name in WHOLE_BODY if of_plan and name in claimed
     }
-    accepted = report.accepted
-    if of_plan:
-        accepted = report.contacts and "violated" not in listed.values()
+    sound = report.contacts and "violated" not in listed.values()
+    accepted = sound if of_plan else report.accepted
     same = accepted == content["verified"] == content["verdict"].get("accepted")
-    unfounded = [name for name in _OF_JOINTS if listed.get(name) == "not checked"]
-    unfounded = unfounded if find_spec("pinocchio") else []
+    of_joints = _OF_JOINTS if find_spec("pinocchio") else ()
+    unfounded = ", ".join(name for name in of_joints if listed.get(name) == "not checked")
     remarks = [
         report.message,
         report.body_message if of_plan else "",
         "" if same else "the file claims another verdict",
-        f"the file lists as checked what cannot be checked: {', '.join(unfounded)}"
-        if unfounded
-        else "",
+        unfounded and f"the file lists as checked what cannot be checked: {unfounded}",
     ]
     return FileCheck(
         path=str(path),
@@ -503,12 +449,10 @@ def _check_proof(path: str, certificate: Certificate, why: bool) -> FileCheck:
     if isinstance(problem, Leap):
         reason = f"; {explain(certificate).message}" if why and report.accepted else ""
         return FileCheck(path=path, kind="no-leap", report=report, message=report.message + reason)
-    of_posture = isinstance(problem, Problem) and problem.is_posture
-    name = problem.name
-    if isinstance(problem, Problem) and of_posture:
-        name = f"posture on {', '.join(problem.legs)}"
+    kind, name = "no-plan", problem.name
+    if isinstance(problem, Problem) and problem.is_posture:
+        kind, name = "no-posture", f"posture on {', '.join(problem.legs)}"
     reason = explain(certificate).message if report.accepted else report.message
-    kind = "no-posture" if of_posture else "no-plan"
     return FileCheck(path=path, kind=kind, report=report, message=f"{name}: {reason}")
 
 

@@ -5,15 +5,15 @@ leaps, envelopes and modes.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import plain_numbers
 from ..files.documents import YAML, parse_json, read_json, read_yaml, shown
 from ..files.writing import write_text
@@ -23,7 +23,6 @@ from ..relaxation.boxes import Modes
 from ..relaxation.envelope import EnvelopeSet
 from ..robot import Robot
 
-Read = TypeVar("Read")
 _MOST_RECORDS = 500_000
 """Most records of a file of JSON lines."""
 
@@ -116,7 +115,8 @@ def read_envelopes(path: str | Path) -> EnvelopeSet:
 
     Raises InvalidInput.
     """
-    return _located(path, lambda: EnvelopeSet.from_json(read_json(path)))
+    with located(str(path)):
+        return EnvelopeSet.from_json(read_json(path))
 
 
 def read_modes(path: str | Path) -> Modes:
@@ -124,7 +124,8 @@ def read_modes(path: str | Path) -> Modes:
 
     Raises InvalidInput.
     """
-    return _located(path, lambda: Modes.from_json(read_json(path)))
+    with located(str(path)):
+        return Modes.from_json(read_json(path))
 
 
 def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
@@ -176,11 +177,3 @@ def _parsed(text: str, where: str) -> Any | InvalidInput:
         return parse_json(text, where)
     except InvalidInput as error:
         return error
-
-
-def _located(path: str | Path, read: Callable[[], Read]) -> Read:
-    try:
-        return read()
-    except InvalidInput as error:
-        text = str(error)
-        raise InvalidInput(text if text.startswith(str(path)) else f"{path}: {text}") from None

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import Array, archive_of, checked_int, read_archive, read_only
 from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown, yaml_of
+from ..motion.motion import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
 
 _AXES = "xyz"
 _OF_BODY = {
@@ -130,10 +130,8 @@ def read_table(path: str | Path) -> MotionTable:
     path = Path(path)
     if path.suffix not in readers:
         raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
-    try:
+    with located(str(path)):
         return readers[path.suffix](path)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 def _places(
@@ -176,7 +174,7 @@ def _from_csv(text: str, where: str) -> MotionTable:
         arrays[key] = np.stack([columns[name] for name in wanted], axis=-1).reshape(shape)
     if "contact" in arrays:
         arrays["contact"] = _truths(arrays["contact"], where)
-    return MotionTable(joints=joints, limbs=limbs, source=where, **arrays)
+    return MotionTable(joints=joints, limbs=limbs, columns=arrays, source=where)
 
 
 def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -254,7 +252,11 @@ def _from_npz(path: Path) -> MotionTable:
     if "contact" in arrays:
         arrays["contact"] = _truths(arrays["contact"], str(path))
     return MotionTable(
-        joints=joints, limbs=limbs, **arrays, robot=str(archive.get("robot", "")), source=str(path)
+        joints=joints,
+        limbs=limbs,
+        columns=arrays,
+        robot=str(archive.get("robot", "")),
+        source=str(path),
     )
 
 
@@ -273,7 +275,7 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
     ):
         raise InvalidInput(f"{where}: points: expected a list of points, got {shown(points)}")
     times = np.array([_seconds(point, k, where) for k, point in enumerate(points)])
-    arrays = dict[str, Any]()
+    arrays: dict[str, Any] = {"time_s": times}
     for key, name in _OF_POINTS.items():
         if not points[0].get(key):
             if any(point.get(key) for point in points):
@@ -289,7 +291,7 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
         )
     if "angles_rad" not in arrays:
         raise InvalidInput(f"{where}: points: expected positions, got none")
-    return MotionTable(joints=tuple(names), limbs=(), time_s=times, source=where, **arrays)
+    return MotionTable(joints=tuple(names), limbs=(), columns=arrays, source=where)
 
 
 def _seconds(point: Mapping[str, Any], k: int, where: str) -> float:

@@ -265,8 +265,7 @@ class GaitSolution:
         steps = max(3, round(task.duration_s / dt_s))
         at = self.samples(np.linspace(0.0, task.duration_s, steps + 1))
         return replace(
-            at,
-            still=(True, settings.still_end),
+            at.asked(still=(True, settings.still_end)),
             provenance={
                 "chart": settings.chart,
                 "dynamics": settings.dynamics,

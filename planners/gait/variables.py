@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array, vstack
 
-from ..answer.trajectory import Trajectory
+from ..answer.trajectory import Trajectory, WalkQuestion
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -631,13 +631,15 @@ def sampled(
         feet_m=np.stack(feet, axis=1),
         forces_n=np.stack(forces, axis=1),
         contact=np.stack(contact, axis=1),
-        robot=task.robot,
-        terrain=task.terrain if height_factor == 1.0 else task.terrain.scaled(height_factor),
-        friction=task.friction,
-        adhesive=np.array(task.adhesive),
-        start=task.start,
-        goal=task.goal,
-        heading_rad=task.start_yaw_rad,
-        heading_end_rad=task.end_yaw_rad,
-        suction_n=task.suction_n,
+        problem=WalkQuestion(
+            robot=task.robot,
+            terrain=task.terrain if height_factor == 1.0 else task.terrain.scaled(height_factor),
+            friction=task.friction,
+            adhesive=np.array(task.adhesive),
+            start=task.start,
+            goal=task.goal,
+            heading_rad=task.start_yaw_rad,
+            heading_end_rad=task.end_yaw_rad,
+            suction_n=task.suction_n,
+        ),
     )

@@ -26,8 +26,8 @@ from typing import Annotated, Any, Literal, get_args
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..answer.trajectory import Trajectory
-from ..errors import InvalidInput
+from ..answer.trajectory import Trajectory, WalkQuestion
+from ..errors import InvalidInput, located
 from ..files.arrays import (
     Array,
     check_numbers,
@@ -193,30 +193,28 @@ def read_walk(path: str | Path) -> _WalkTable:
     """
     path = Path(path)
     keys = validated(WalkKeys, read_yaml(path), str(path))
-    try:
+    with located(str(path)):
         robot = named_walker(_from(path, keys.robot))
         terrain = named_terrain(_from(path, keys.terrain), ImportOptions(spacing_m=keys.spacing_m))
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
     table, packed = path.with_suffix(".csv"), path.with_suffix(".npz")
     if table.exists() == packed.exists():
         came = "both" if table.exists() else "neither"
         raise InvalidInput(f"{path}: expected {table.name} or {packed.name} beside it, got {came}")
     where = table if table.exists() else packed
-    try:
+    with located(str(where)):
         samples = _of_table(table, robot) if table.exists() else _of_archive(packed, robot)
         trajectory = Trajectory(
             **samples,
-            robot=robot,
-            terrain=terrain,
-            friction=keys.friction,
-            adhesive=np.zeros(len(robot.feet), dtype=bool),
-            start=np.array(keys.start),
-            goal=np.array(keys.goal),
+            problem=WalkQuestion(
+                robot=robot,
+                terrain=terrain,
+                friction=keys.friction,
+                adhesive=np.zeros(len(robot.feet), dtype=bool),
+                start=np.array(keys.start),
+                goal=np.array(keys.goal),
+            ),
             provenance={"program": keys.program},
         )
-    except InvalidInput as error:
-        raise InvalidInput(f"{where}: {error}") from None
     return _WalkTable(name=path.stem, keys=keys, trajectory=trajectory)
 
 

@@ -8,8 +8,7 @@ at all.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.robot_file import FOOT_RADIUS_M
 from .leap_motion import SETTLE_S, feet_of_leap, leap_motion
-from .motion import Played, Samples, rotation_rate, smooth, smooth_rate
+from .motion import Played, Samples, combined, rotation_rate, smooth, smooth_rate
 from .plan_motion import plan_motion
 
 BLEND_S = 1.0
@@ -87,7 +86,9 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
                 pieces.append((here, of(k, within[here], when[here])))
             if len(here := np.flatnonzero((part == k) & ~begun)):
                 pieces.append((here, blended(k, when[here])))
-        rows = _in_order(pieces)
+        order = np.argsort(np.concatenate([rows for rows, _ in pieces]))
+        sampled = [samples for _, samples in pieces]
+        rows = combined(sampled, lambda tables: np.concatenate(tables)[order])
         return rows if times.ndim else rows.rows()[0]
 
     between = [np.linspace(ends[k - 1], begins[k], _BLEND_KNOTS + 1) for k in range(1, len(parts))]
@@ -110,20 +111,7 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
 
 def part_begins_s(parts: Sequence[Played]) -> Array:
     """When every part of a crossing begins, shape (K,) [s]."""
-    lasts = [part.duration_s + BLEND_S for part in parts[:-1]]
-    return np.concatenate([[0.0], np.cumsum(lasts)])
-
-
-def _in_order(pieces: Sequence[tuple[NDArray[np.int_], Samples]]) -> Samples:
-    """Samples of some rows each, as one value with all rows in order."""
-    order = np.argsort(np.concatenate([rows for rows, _ in pieces]))
-    samples = [sample for _, sample in pieces]
-    known = dict[str, Any]()
-    for name in (field.name for field in fields(Samples) if field.name != "radii_m"):
-        tables = [getattr(sample, name) for sample in samples]
-        unknown = any(table is None for table in tables)
-        known[name] = None if unknown else np.concatenate(tables)[order]
-    return Samples(**known, radii_m=samples[0].radii_m)
+    return np.concatenate([[0.0], np.cumsum([part.duration_s + BLEND_S for part in parts[:-1]])])
 
 
 def _numbered(
@@ -137,8 +125,7 @@ def _numbered(
         holds, mine = part.problem.holds, np.zeros(len(part.problem.footholds), dtype=int)
         for j, foothold in enumerate(part.problem.footholds):
             if standing is not None and foothold.frame == 0:
-                limb = part.problem.robot.limb_names.index(foothold.limb)
-                mine[j] = standing[limb]
+                mine[j] = standing[part.problem.robot.limb_names.index(foothold.limb)]
                 continue
             mine[j] = len(names)
             names.append(f"part {k}: {motion.stances[j]}")
@@ -181,7 +168,10 @@ def gait_motion(trajectory: Trajectory, radii_m: Array | float = FOOT_RADIUS_M) 
     radii = np.broadcast_to(radii_m, (len(trajectory.robot.feet),))
     rotations = Rotation.from_matrix(trajectory.rotation)
     turned, turns = Slerp(times, rotations), (rotations[1:] * rotations[:-1].inv()).as_rotvec()
-    facing, foothold = trajectory.terrain.normal(trajectory.feet_m[..., :2]), footholds(contact)
+    facing, foothold = (
+        trajectory.problem.terrain.normal(trajectory.feet_m[..., :2]),
+        footholds(contact),
+    )
     duration_s = trajectory.duration_s + 2.0 * WALK_SETTLE_S
 
     def at(times_s: float | Array) -> Samples:
@@ -210,7 +200,7 @@ def gait_motion(trajectory: Trajectory, radii_m: Array | float = FOOT_RADIUS_M) 
             forces_n=between(trajectory.forces_n),
             foothold=foothold[k + (s >= 1.0)],
             normals=normals,
-            friction=np.full((*when.shape, len(radii)), trajectory.friction),
+            friction=np.full((*when.shape, len(radii)), trajectory.problem.friction),
         )
 
     begins = (np.argwhere(foothold == k)[0] for k in range(int(foothold.max()) + 1))

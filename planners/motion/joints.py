@@ -105,8 +105,7 @@ class MovingBody:
 
     def _descended(self, feet: Array, near: Array, steps: int) -> Array:
         """Angles from those that are near, shape (K, J)."""
-        ends = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
-        parts = np.split(near, ends, axis=1)
+        parts = np.split(near, np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1], axis=1)
         return np.concatenate(
             [
                 descend(leg, feet[:, i], part, steps=steps)[0]
@@ -139,7 +138,9 @@ def _model(trajectory: Trajectory) -> RobotModel:
 
 def _normals(trajectory: Trajectory) -> Array:
     toes = trajectory.feet_m
-    return np.asarray(trajectory.terrain.normal(toes[..., :2].reshape(-1, 2)).reshape(toes.shape))
+    return np.asarray(
+        trajectory.problem.terrain.normal(toes[..., :2].reshape(-1, 2)).reshape(toes.shape)
+    )
 
 
 _JUMP_RAD = 0.5

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import LeapPlan
+from ..answer.plan import LeapPlan, patches_of
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
@@ -129,9 +129,8 @@ class LeapBody:
         """Centres of the feet, and the normals below them: in the air they go from one surface's to
         the other's.
         """
-        plan, leap = self.plan, self.plan.problem
-        patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
-        facing = np.array([patch.normal for patch in patches])
+        plan = self.plan
+        facing = np.array([patch.normal for patch in patches_of(plan)])
         shape = (len(self.times_s), len(self._radii), 3)
         self.centres_m, self.normals, self._moves = (np.zeros(shape) for _ in range(3))
         for i in range(shape[1]):
@@ -305,7 +304,7 @@ def feet_of_leap(plan: LeapPlan) -> Played:
     lands.
     """
     leap, ends = plan.problem, plan.times_s
-    patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
+    patches = patches_of(plan)
     facing = np.array([patch.normal for patch in patches])
     friction = np.array([patch.friction for patch in patches])
     radii, holds = leap.robot.source.foot_radii_m, leap.holds[leap.interval_phases]
@@ -381,8 +380,7 @@ def _flights(holds: NDArray[np.int_]) -> tuple[NDArray[np.int_], NDArray[np.int_
     """
     rows = np.arange(len(holds))[:, None]
     left = np.maximum.accumulate(np.where(holds >= 0, rows + 1, 0))
-    lands = np.minimum.accumulate(np.where(holds >= 0, rows, len(holds))[::-1])[::-1]
-    return left, lands
+    return left, np.minimum.accumulate(np.where(holds >= 0, rows, len(holds))[::-1])[::-1]
 
 
 def _from_body(plan: LeapPlan, holds: NDArray[np.int_], surfaces: NDArray[np.int_]) -> Array:

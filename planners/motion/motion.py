@@ -4,15 +4,16 @@ times.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import MotionTable
-from ..files.arrays import Array, cached_arrays, checked, cross
+from ..answer.motion import Evidence
+from ..errors import InvalidInput
+from ..files.arrays import Array, cached_arrays, checked, checked_name, cross, grain
 from ..robot.leg import rotations_of
 from ..terrain.patch import Solid, contact_frames
 
@@ -191,14 +192,20 @@ class Played:
         return float(self.knots_s[-1])
 
 
+def combined(samples: Sequence[Samples], join: Callable[[list[Any]], Any]) -> Samples:
+    """Samples each of whose tables is made of the same one of some samples; not known where one of
+    them is not.
+    """
+    known = dict[str, Any]()
+    for name in (field.name for field in fields(Samples) if field.name != "radii_m"):
+        tables = [getattr(sample, name) for sample in samples]
+        known[name] = None if any(table is None for table in tables) else join(tables)
+    return Samples(**known, radii_m=samples[0].radii_m)
+
+
 def stacked(samples: Sequence[Samples]) -> Samples:
     """Single samples as one value with a row for each."""
-    names = [field.name for field in fields(Samples) if field.name != "radii_m"]
-    rows = {name: [getattr(each, name) for each in samples] for name in names}
-    known: dict[str, Any] = {
-        name: None if row[0] is None else np.array(row) for name, row in rows.items()
-    }
-    return Samples(**known, radii_m=samples[0].radii_m)
+    return combined(samples, np.array)
 
 
 def between(rows: Samples, at: Array) -> Samples:
@@ -212,15 +219,11 @@ def between(rows: Samples, at: Array) -> Samples:
     first = np.floor(near).astype(int)
     then, share = np.minimum(first + 1, last), near - first
 
-    def mixed(table: Array | None) -> Array | None:
-        if table is None:
-            return None
-        weight = share.reshape(share.shape + (1,) * (table.ndim - 1))
+    def mixed(tables: list[Array]) -> Array:
+        table, weight = tables[0], share.reshape(share.shape + (1,) * (tables[0].ndim - 1))
         return np.asarray(table[first] + weight * (table[then] - table[first]))
 
-    names = [field.name for field in fields(Samples) if field.name not in ("radii_m", "foothold")]
-    fields_between: dict[str, Any] = {name: mixed(getattr(rows, name)) for name in names}
-    return Samples(**fields_between, radii_m=rows.radii_m, foothold=rows.foothold[first])
+    return replace(combined([rows], mixed), foothold=rows.foothold[first])
 
 
 def smooth(s: T) -> T:
@@ -260,6 +263,171 @@ def rotation_rate(rotation_rad: Array, angular_velocity_rad_s: Array) -> Array:
     return np.asarray(angular_velocity_rad_s - 0.5 * once + second * cross(rotation_rad, once))
 
 
+FORMAT = "stancekit/motion/1"
+OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
+"""Arrays with a column per joint, and what the columns' names begin with."""
+OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
+"""The same of those with a column, or three, per limb."""
+_LARGEST = 1e10
+"""No place, speed or force of a motion is larger, nor seconds since 1970 for some centuries."""
+_EVEN = 0.1
+"""Times are those of a uniform grid to this share of a step: stamps of logs jitter."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionTable(Evidence):
+    """A motion at T moments of a uniform grid, of J joints and N limbs; a column that is not known
+    is absent.
+
+    Arguments:
+        joints, limbs: their names, in the order of the columns.
+        columns: arrays by name, in the order of ``shapes``, None for an absent one:
+
+            - time_s, shape (T,) [s], as the file has them: rounded, and off the grid by as much as
+              the stamps of a log jitter;
+            - angles_rad, rates_rad_s, torques_nm: of the joints, shape (T, J) [rad], [rad/s], [Nm];
+            - origin_m: of the body's link, world frame, shape (T, 3);
+            - quaternion: R_WB of the body's link as w, x, y, z, shape (T, 4);
+            - com_m, velocity_m_s: centre of mass of the whole robot, and its velocity, world frame,
+              shape (T, 3);
+            - turning_rad_s: angular velocity of the body, world frame, shape (T, 3);
+            - contact: whether each limb stands, shape (T, N);
+            - forces_n: contact forces on the robot, world frame, shape (T, N, 3);
+            - feet_m: centres of the feet, world frame, shape (T, N, 3).
+        robot, source: what moves, and where the motion is from, for people.
+        doubts: numbers of the robot's file that were guessed, a line each, in what was judged.
+    """
+
+    joints: tuple[str, ...]
+    limbs: tuple[str, ...]
+    columns: Mapping[str, Any]
+    robot: str = ""
+    source: str = ""
+    doubts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for names, kind in ((self.joints, "joints"), (self.limbs, "limbs")):
+            for name in names:
+                checked_name(name, kind)
+            if len(set(names)) != len(names):
+                raise InvalidInput(f"{kind}: expected different names, got {', '.join(names):.200}")
+        known = dict[str, NDArray[Any]]()
+        for name, shape in shapes(len(self.time_s), len(self.joints), len(self.limbs)).items():
+            if self.columns.get(name) is None:
+                continue
+            array = np.array(
+                self.columns[name], dtype=np.bool_ if name == "contact" else np.float64
+            )
+            if array.shape != shape:
+                raise InvalidInput(f"{name}: expected shape {shape}, got {array.shape}")
+            off = ~(np.abs(array) <= _LARGEST)  # NaN, too
+            if off.any():
+                at = tuple(np.argwhere(off)[0])
+                raise InvalidInput(
+                    f"{name}: row {at[0]}: expected numbers up to {_LARGEST:g}, got {array[at]:g}"
+                )
+            array.setflags(write=False)
+            known[name] = array
+        object.__setattr__(self, "columns", known)
+        _check_times(self.time_s)
+
+    def with_columns(self, **columns: Array | None) -> MotionTable:
+        """The table with these in place of its own, and without those that are None."""
+        return replace(self, columns={**self.columns, **columns})
+
+    @property
+    def time_s(self) -> Array:
+        """The moments, shape (T,) [s]."""
+        return np.asarray(self.columns["time_s"])
+
+    @property
+    def rate_hz(self) -> float:
+        """Rows per second."""
+        return 1.0 / _grid(self.time_s)[0]
+
+    @property
+    def rotation(self) -> Array:
+        """R_WB, shape (T, 3, 3).
+
+        Raises InvalidInput where it is not known.
+        """
+        if "quaternion" not in self.columns:
+            raise InvalidInput("quaternion: expected the orientation of the body, got none")
+        return _rotations_from(self.columns["quaternion"])
+
+    @property
+    def question(self) -> dict[str, Any]:
+        """Names of joints and limbs, since a plan has no request of its own."""
+        return {"joints": self.joints, "limbs": self.limbs}
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The arrays that are known, by name."""
+        return dict(self.columns)
+
+
+def shapes(rows: int, joints: int, limbs: int) -> dict[str, tuple[int, ...]]:
+    """The shape of each array of a table with so many of them."""
+    return {
+        "time_s": (rows,),
+        "angles_rad": (rows, joints),
+        "rates_rad_s": (rows, joints),
+        "torques_nm": (rows, joints),
+        "origin_m": (rows, 3),
+        "quaternion": (rows, 4),
+        "com_m": (rows, 3),
+        "velocity_m_s": (rows, 3),
+        "turning_rad_s": (rows, 3),
+        "contact": (rows, limbs),
+        "forces_n": (rows, limbs, 3),
+        "feet_m": (rows, limbs, 3),
+    }
+
+
+def _grid(times_s: Array) -> tuple[float, Array]:
+    """The step of the uniform grid nearest to times [s], and their distances from it, shape (T,)."""
+    rows, since = np.arange(len(times_s)) - 0.5 * (len(times_s) - 1), times_s - times_s[0]
+    step = float(rows @ since / (rows @ rows))
+    return step, np.abs(since - since.mean() - step * rows)
+
+
+def _check_times(times_s: Array) -> None:
+    """Raise InvalidInput for fewer than two times, and for such that are no uniform grid, to a
+    share of a step, or to the digits that the file has where these are less than a third of one.
+    """
+    if len(times_s) < 2:
+        raise InvalidInput(f"time_s: expected two rows or more, got {len(times_s)}")
+    steps = np.diff(times_s)
+    if not float(steps.min()) > 0.0:
+        row = int(steps.argmin())
+        raise InvalidInput(
+            f"time_s: row {row + 1}: expected times that increase, got {times_s[row]:g} s then "
+            f"{times_s[row + 1]:g} s"
+        )
+    step, off = _grid(times_s)
+    unit = grain(times_s)
+    if float(off.max()) > max(_EVEN * step, 0.55 * unit if 3.0 * unit <= step else 0.0):
+        usual = float(np.median(steps))
+        row = int(np.abs(steps - usual).argmax())
+        raise InvalidInput(
+            f"time_s: row {row + 1}: expected a uniform grid, got a gap of {steps[row]:.6g} s at "
+            f"{times_s[row]:g} s where others are {usual:.6g} s"
+        )
+
+
+def _rotations_from(quaternions: Array) -> Array:
+    """Rotation matrices of quaternions w, x, y, z, shape (T, 3, 3).
+
+    Raises InvalidInput for other lengths than 1.
+    """
+    from scipy.spatial.transform import Rotation
+
+    sizes = np.linalg.norm(quaternions, axis=1)
+    if (off := np.abs(sizes - 1.0)).max() > 1e-3:
+        row = int(off.argmax())
+        raise InvalidInput(f"quaternion: row {row}: expected a length of 1, got {sizes[row]:.4g}")
+    return np.asarray(Rotation.from_quat(quaternions, scalar_first=True).as_matrix())
+
+
 LARGEST_RATE_HZ = 10_000.0
 
 
@@ -283,22 +451,23 @@ def table_of(
     checked(rate_hz, "rate_hz", above=0.0, most=LARGEST_RATE_HZ)
     times = np.arange(int(np.floor(motion.duration_s * rate_hz + 1e-6)) + 1) / rate_hz
     at = motion.at(times)
-    known = at.angles_rad is not None
     return MotionTable(
-        joints=joints if known else (),
+        joints=() if at.angles_rad is None else joints,
         limbs=limbs,
-        time_s=times,
-        angles_rad=at.angles_rad,
-        rates_rad_s=at.rates_rad_s,
-        torques_nm=at.torques_nm,
-        origin_m=at.origin_m,
-        quaternion=_quaternions_of(rotations_of(at.rotation_rad)),
-        com_m=at.com_m,
-        velocity_m_s=at.velocity_m_s,
-        turning_rad_s=at.angular_velocity_rad_s,
-        contact=at.stands,
-        forces_n=at.forces_n,
-        feet_m=at.feet_m,
+        columns={
+            "time_s": times,
+            "angles_rad": at.angles_rad,
+            "rates_rad_s": at.rates_rad_s,
+            "torques_nm": at.torques_nm,
+            "origin_m": at.origin_m,
+            "quaternion": _quaternions_of(at.rotation),
+            "com_m": at.com_m,
+            "velocity_m_s": at.velocity_m_s,
+            "turning_rad_s": at.angular_velocity_rad_s,
+            "contact": at.stands,
+            "forces_n": at.forces_n,
+            "feet_m": at.feet_m,
+        },
         robot=robot,
         source=source,
     )

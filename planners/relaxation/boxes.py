@@ -20,7 +20,7 @@ import numpy as np
 
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.scaled import Scaled
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import Array
 from ..files.codec import fields_to_json, from_json
 from ..problem import Problem
@@ -300,10 +300,8 @@ def _check(course: Problem, stance: Stance, envelopes: EnvelopeSet, axes: Axes) 
             min(option, len(one.candidates) - 1) for one in under
         ]
         where = f"frame {stance.frame}, stance on {', '.join(envelopes.legs)}"
-        try:
+        with located(where):
             envelopes.check_fits(course.posture_problem(Stance(stance.frame, limbs), choice))
-        except InvalidInput as error:
-            raise InvalidInput(f"{where}: {error}") from None
         for stood_on in under if axes == "contact" else []:
             patch = stood_on.candidates[min(option, len(stood_on.candidates) - 1)]
             if _turned(patch.shear_reference, patch.normal) > 1e-3:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -205,8 +205,7 @@ def check_bodies(
 
     bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
     keys = key_postures(plan, angles)
-    frames = np.arange(float(len(angles)))
-    group = bodies_group("bodies", bodies, frames, keys, deadline=deadline)
+    group = bodies_group("bodies", bodies, np.arange(float(len(angles))), keys, deadline=deadline)
     if plan.problem.robot.absent and group.verdict == "holds":
         absent = ", ".join(plan.problem.robot.absent)
         group = replace(
@@ -219,23 +218,31 @@ def check_bodies(
     )
     if unchecked:
         return group, Group("motion", unit="m", message=unchecked, verdict="not checked")
-    try:
+
+    def motion() -> Group:
         moments, postures = JointPath(path_of(plan), solver).judged(deadline=deadline)
-    except TimeEnded:
-        return group, Group("motion", unit="m", message=LATE, verdict="not checked")
-    except InvalidInput as error:
-        return group, Group("motion", unit="m", message=str(error), verdict="not checked")
-    assert postures.error_m is not None
-    stray_m = float(postures.error_m.max())
-    astray = (
-        (_astray(plan, moments.frame, postures.error_m), stray_m)
-        if stray_m > STRAY_M
-        else ("", 0.0)
-    )
-    motion = bodies_group(
-        "motion", bodies, moments.frame, postures, astray, between=True, deadline=deadline
-    )
-    return group, motion
+        assert postures.error_m is not None
+        stray_m = float(postures.error_m.max())
+        astray = (
+            (_astray(plan, moments.frame, postures.error_m), stray_m)
+            if stray_m > STRAY_M
+            else ("", 0.0)
+        )
+        return bodies_group(
+            "motion", bodies, moments.frame, postures, astray, between=True, deadline=deadline
+        )
+
+    return group, looked_at("motion", motion)
+
+
+def looked_at(name: str, look: Callable[[], Group]) -> Group:
+    """The group of bodies that a look gives; not checked, and why, where nobody can look: of legs
+    that are not known, without pinocchio or coal, or when the time ended.
+    """
+    try:
+        return look()
+    except (InvalidInput, TimeEnded) as error:
+        return Group(name, unit="m", message=str(error), verdict="not checked")
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
@@ -396,8 +403,7 @@ class MovingBodyMeasurements:
         """
         from ..robot.bodies import Bodies
 
-        bodies = Bodies(self.kinematics, obstacles)
-        return bodies_group(name, bodies, *self.spaced(), between=True)
+        return bodies_group(name, Bodies(self.kinematics, obstacles), *self.spaced(), between=True)
 
     def spaced(self) -> tuple[Array, WholeBody]:
         """Postures that are as near to each other as ``spaced`` has them: their times, shape (T,)
@@ -408,11 +414,14 @@ class MovingBodyMeasurements:
         return self.times_s[rows], body.at(rows)
 
 
-def nothing(why: str) -> list[Group]:
-    """None of the groups of ``WHOLE_BODY`` measured, and why."""
-    return [
-        Group(name, unit=GROUPS[name], message=why, verdict="not checked") for name in WHOLE_BODY
-    ]
+def nothing(why: str, units: Mapping[str, str] | None = None) -> list[Group]:
+    """None of some groups measured, and why.
+
+    Arguments:
+        units: of the groups by name; None for those of ``WHOLE_BODY``.
+    """
+    names = units or {name: GROUPS[name] for name in WHOLE_BODY}
+    return [Group(name, unit=names[name], message=why, verdict="not checked") for name in names]
 
 
 def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Group]:
@@ -460,13 +469,7 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Gro
     most = limits.legs_moment * measured.moment_scale_nm
     sizes = np.linalg.norm(swung, axis=1)
     groups.append(measured.group("legs_moment", sizes, most, judged=rms(swung)))
-    try:
-        groups.append(body.overlap(limits.bodies_m))
-    except InvalidInput as error:  # no coal
-        groups.append(
-            Group("bodies", unit=GROUPS["bodies"], message=str(error), verdict="not checked")
-        )
-    return groups
+    return [*groups, looked_at("bodies", lambda: body.overlap(limits.bodies_m))]
 
 
 class WholeBodyMeasurements(MovingBodyMeasurements):
@@ -497,7 +500,7 @@ class WholeBodyMeasurements(MovingBodyMeasurements):
         from ..robot.bodies import Bodies
         from ..terrain.obstacles import Obstacles
 
-        bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.terrain))
+        bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.problem.terrain))
         found = bodies_group("bodies", bodies, *self.spaced(), between=True)
         place, when = "", float(self.times_s[0])
         if worst := found.figures["worst"]:

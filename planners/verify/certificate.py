@@ -482,8 +482,7 @@ def check_certificate(
     bounds = leaf_bounds(forest.numbers, forest.leaves({0: replayed}))
     weakest, leaves = int(np.argmin(bounds)), len(bounds)
     bound = float(bounds[weakest])
-    accepted = bound > max(tolerance, 0.0)
-    if not accepted:
+    if not (bound > max(tolerance, 0.0)):
         message = f"rejected: leaf {weakest} of {leaves} proves a residual of {bound:.3g}, expected above {tolerance:g}"
     elif math.isinf(bound):
         message = f"refuted at all leaves ({leaves}), even without the balance of moments"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..answer.certificate import Crossing
-from ..answer.plan import LeapPlan, Plan
+from ..answer.plan import LeapPlan, Plan, patches_of
 from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -22,9 +22,11 @@ from ..physics import GRAVITY_M_S2
 from ..problem.passage import Passage
 from ..problem.problem import Problem
 from ..robot.model import Robot
+from ..terrain.obstacles import Obstacles
+from .bodies import looked_at
 from .certificate import check_certificate
 from .geometry import off_terrain
-from .leaps import check_leap
+from .leaps import LeapBodyMeasurements, check_leap
 from .plans import check_plan
 
 _TOES_M = 1e-6
@@ -63,7 +65,7 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
 
 def _defect(crossing: Crossing) -> str:
     """Reason why the parts are not parts of one way; empty where there is none."""
-    first = crossing.first
+    first = crossing.problem
     terrain = to_json(first.terrain)
     for k, part in enumerate(crossing.parts):
         where = f"part {k + 1}"
@@ -106,8 +108,7 @@ def differs(mine: Robot, other: Robot) -> str:
 def _parts(crossing: Crossing) -> Iterator[Group]:
     for k, part in enumerate(crossing.parts, 1):
         if isinstance(part, Plan):
-            report = check_plan(part, joints=True)
-            yield _verdict(f"{k}: climb", report)
+            yield _verdict(f"{k}: climb", check_plan(part, joints=True))
             continue
         leapt = check_leap(part, body=True)
         yield _verdict(f"{k}: leap", leapt)
@@ -128,20 +129,11 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
 
 def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
-    leap = plan.problem
-    patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
-    off = off_terrain(crossing.terrain, patches, np.asarray(plan.toes_m))
+    off = off_terrain(crossing.problem.terrain, patches_of(plan), np.asarray(plan.toes_m))
     j = int(np.argmax(off))
-    yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=leap.footholds[j].limb)
-    name = f"{k}: flight"
-    try:
-        from ..terrain.obstacles import Obstacles
-        from .leaps import LeapBodyMeasurements
-
-        obstacles = Obstacles.of(crossing.terrain)
-        yield LeapBodyMeasurements(body_of(plan)).bodies(name, obstacles)
-    except InvalidInput as error:  # no legs, no pinocchio, no coal
-        yield Group(name, unit="m", message=str(error), verdict="not checked")
+    yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=plan.problem.footholds[j].limb)
+    name, around = f"{k}: flight", Obstacles.of(crossing.problem.terrain)
+    yield looked_at(name, lambda: LeapBodyMeasurements(body_of(plan)).bodies(name, around))
 
 
 def _seams(crossing: Crossing) -> Iterator[Group]:
@@ -155,8 +147,7 @@ def _seams(crossing: Crossing) -> Iterator[Group]:
         names = crossing.robot.limb_names
         yield _seam(f"{name}: toes", np.linalg.norm(toes - toes_then, axis=1), _TOES_M, names)
         yield _seam(f"{name}: body", np.linalg.norm([com - com_then], axis=1), _BODY_M)
-        turn = np.abs(rotation - rotation_then)
-        yield _seam(f"{name}: turn", turn, TURN_RAD, ("x", "y", "z"))
+        yield _seam(f"{name}: turn", np.abs(rotation - rotation_then), TURN_RAD, ("x", "y", "z"))
         if angles is None or angles_then is None:
             message = "joints are not known on both sides"
             yield Group(f"{name}: joints", unit="rad", message=message, verdict="not checked")
@@ -194,10 +185,9 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
         return
     name = "key frames alone"
     if proof.problem is None or differs(crossing.robot, proof.problem.robot):
-        message = "the proof is of another robot"
-        yield Group(name, message=message, verdict="violated")
+        yield Group(name, message="the proof is of another robot", verdict="violated")
         return
-    if to_json(getattr(proof.problem, "terrain", ())) != to_json(crossing.terrain):
+    if to_json(getattr(proof.problem, "terrain", ())) != to_json(crossing.problem.terrain):
         yield Group(name, message="the proof is over another terrain", verdict="violated")
         return
     if other := _another_way(crossing, proof.problem):
@@ -213,12 +203,10 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
 
 def _another_way(crossing: Crossing, problem: Any) -> str:
     """Name of what a proof speaks of in place of the way of a crossing; empty for that way."""
-    first, last = crossing.first, crossing.parts[-1].problem
+    first, last = crossing.problem, crossing.parts[-1].problem
     if not isinstance(problem, Passage):
         return "one layout of key frames, which proves nothing of others"
     if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > _BODY_M:
         return "another start"
     goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
-    if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M:
-        return "another goal"
-    return ""
+    return "another goal" if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M else ""

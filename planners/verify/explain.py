@@ -133,8 +133,7 @@ def hindrances(certificates: Sequence[Certificate]) -> list[str]:
         grown = np.array(
             [_bounds(*_grown(numbers, leaves, name, share * of_limits[name])) for name in LIMITS]
         )
-        least = grown.min(axis=0)
-        for k in np.flatnonzero(least < now - 1e-12):
+        for k in np.flatnonzero(grown.min(axis=0) < now - 1e-12):
             if names[k] == SEVERAL:
                 names[k] = LIMITS[int(grown[:, k].argmin())]
     return names

@@ -62,8 +62,7 @@ _Cells = NDArray[np.bool_]
 def check_flood(certificate: Certificate) -> Report[Certificate]:
     """Replay a certificate about a passage; never raises for a bad one."""
     try:
-        checked = _Replay(certificate)
-        states = checked.check()
+        states = _Replay(certificate).check()
     except (InvalidInput, _Refused) as error:
         return proof_report(certificate, 0.0, 0.0, 0, -1, f"rejected: {error}")
     message = f"every step out of {states} states is refuted, and the goal is in none of them"
@@ -131,8 +130,7 @@ class _Replay:
             raise _Refused("expected rows of five finite numbers")
         if self.directions.ndim != 2 or self.directions.shape[1] != 2:
             raise _Refused("expected directions in the plane")
-        lengths = np.linalg.norm(self.directions, axis=1)
-        if not np.all(np.abs(lengths - 1.0) < ROOM_M):
+        if not np.all(np.abs(np.linalg.norm(self.directions, axis=1) - 1.0) < ROOM_M):
             raise _Refused("expected directions of length 1")
         rows = {name: tree[tree[:, 0] == kind] for name, kind in KINDS.items()}
         if sum(map(len, rows.values())) != len(tree):
@@ -242,8 +240,7 @@ class _Replay:
             return refuted
         places = self.xy[cells]
         for direction in self.directions:
-            most = self._held_most(chosen, direction)
-            refuted |= places @ direction - self.half > most + ROOM_M
+            refuted |= places @ direction - self.half > self._held_most(chosen, direction) + ROOM_M
         return refuted
 
     def _too_far(self, i: int, j: int) -> bool:

@@ -351,8 +351,7 @@ def sole_points(sole_m: Array | None, patch: Patch, yaw_rad: float) -> Array:
         return np.zeros((1, 3))
     n, _, z = contact_frames(patch.normal, patch.shear_reference).T
     ahead = math.cos(yaw_rad) * z + math.sin(yaw_rad) * cross(n, z)
-    left = cross(n, ahead)
-    return np.asarray(sole_m[:, :1] * ahead + sole_m[:, 1:] * left)
+    return np.asarray(sole_m[:, :1] * ahead + sole_m[:, 1:] * cross(n, ahead))
 
 
 def off_sole(patch: Patch, region: Patch, offsets: Array, toe: Array, claimed: Array) -> float:
@@ -385,8 +384,7 @@ def forces_defect(whole: Array, points: Array, counts: tuple[int, ...]) -> str:
         off = float(np.abs(points.sum(axis=-2) - whole).max(initial=0.0))
     if not off <= _POINTS_SUM * most or math.isinf(most):
         return "point_forces_n: expected forces that add up to forces_n"
-    idle = np.arange(points.shape[-2]) >= np.array(counts)[:, None]
-    if points[..., idle, :].any():
+    if points[..., np.arange(points.shape[-2]) >= np.array(counts)[:, None], :].any():
         return "point_forces_n: expected zeros after the points of a foot"
     return ""
 

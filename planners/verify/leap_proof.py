@@ -57,8 +57,7 @@ def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
         return proof_report(certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
     weakest = int(bounds.argmin())
     bound = float(bounds[weakest])
-    accepted = bound > GUARD
-    if accepted:
+    if bound > GUARD:
         message = f"refuted at all leaves ({len(bounds)})"
     else:
         message = f"rejected: leaf {weakest} of {len(bounds)} proves {bound:.3g}, expected above {GUARD:g}"
@@ -266,9 +265,7 @@ class _Parts:
             values = (self.bounds.candidate(self, j, r, grip) for r in opened[j])
             return rest + min(values, default=math.inf) > GUARD
 
-        if holds(_MOST_GRIP):
-            return math.inf
-        return halved(holds, 0.0, _MOST_GRIP, 16)[1]
+        return math.inf if holds(_MOST_GRIP) else halved(holds, 0.0, _MOST_GRIP, 16)[1]
 
     def reach_needed(self, opened: list[list[int]], i: int) -> float:
         """Additional reach of a limb with which the leaf would fail [m]; inf where it weighs

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import LATER, LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan, leap_shapes
+from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan, patches_of
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
@@ -24,10 +24,10 @@ from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
-from .bodies import MovingBodyMeasurements
+from .bodies import MovingBodyMeasurements, looked_at, nothing
 from .geometry import cross, exact_and_linear, length
 from .postures import violation
-from .trajectory_measurements import worst_group
+from .trajectory_measurements import arrays_defect, as_far_as_known, worst_group
 
 _BODY_UNITS = {
     "joints": "m",
@@ -88,8 +88,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
     def line(self) -> Array:
         """Share of the speed–torque line that is used at the inner samples, shape (K − 2, J)."""
         fast, strong = self.shares
-        drives = np.where(fast * strong > 0.0, np.abs(fast), 0.0)
-        return np.asarray(np.abs(strong) + drives)
+        return np.asarray(np.abs(strong) + np.where(fast * strong > 0.0, np.abs(fast), 0.0))
 
     @cached_property
     def _limited(self) -> NDArray[np.bool_]:
@@ -113,8 +112,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         one that it comes to, each over its half of the flight, shape (K, N) each [m].
         """
         body, plan = self.leap_body, self.leap_body.plan
-        leap, holds = plan.problem, body.holds
-        normals = np.array([leap.patch(j, plan.choice).normal for j in range(len(leap.footholds))])
+        normals, holds = np.array([patch.normal for patch in patches_of(plan)]), body.holds
         left, lands = np.zeros(holds.shape), np.zeros(holds.shape)
         for i in range(holds.shape[1]):
             for first, last in gaps(holds[:, i] >= 0):
@@ -147,18 +145,18 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         legs = [self.feet[leg] for leg in self.kinematics.legs]
         speed, model = self.speed(), self.kinematics.model
         bent = _group("joints", off, feet, times, JOINTS_M, feet)
-        yield _as_far_as_known(bent, model.limit_doubts)
+        yield as_far_as_known(bent, "; ".join(model.limit_doubts))
         shares = np.where(self._limited, speed, 0.0)
         fast = _group("joint_speed", shares, joints, times[1:], JOINT_SPEED, legs)
         torque = _group("torque", self.line, joints, times[1:-1], TORQUE, legs)
         slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
-        unlimited = [f"no velocity limit of {', '.join(slow)}"] if slow else []
-        yield _as_far_as_known(fast, unlimited)
-        yield _as_far_as_known(torque, [*unlimited, *model.lines_of(model.torque_doubts)])
-        turned = np.abs(self.turned)
+        unlimited = f"no velocity limit of {', '.join(slow)}" if slow else ""
+        yield as_far_as_known(fast, unlimited)
+        doubts = filter(None, (unlimited, *model.lines_of(model.torque_doubts)))
+        yield as_far_as_known(torque, "; ".join(doubts))
         yield _group(
             "legs_turn",
-            turned,
+            np.abs(self.turned),
             ("x", "y", "z"),
             self.leap_body.plan.times_s,
             LEGS_TURN_RAD,
@@ -166,16 +164,8 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         yield _group("take_off", left[0], feet, times, DIP_M, feet)
         yield _group("landing", left[1], feet, times, DIP_M, feet)
         if bodies:
-            yield self._bodies(obstacles)
-
-    def _bodies(self, obstacles: Obstacles | None) -> Group:
-        plan = self.leap_body.plan
-        leap = plan.problem
-        patches = [leap.patch(j, plan.choice) for j in range(len(leap.footholds))]
-        try:
-            return self.bodies("bodies", obstacles or Obstacles.of(patches))
-        except InvalidInput as error:  # no coal
-            return Group("bodies", unit="m", message=str(error), verdict="not checked")
+            around = obstacles or Obstacles.of(patches_of(self.leap_body.plan))
+            yield looked_at("bodies", lambda: self.bodies("bodies", around))
 
 
 def _group(
@@ -190,13 +180,6 @@ def _group(
     return worst_group(name, values, limit, _BODY_UNITS[name], names, times_s, limbs=limbs)
 
 
-def _as_far_as_known(group: Group, unlimited: Sequence[str]) -> Group:
-    """A group of joints of which some have no limits: what holds of the others is not checked."""
-    if not unlimited or group.verdict == "violated":
-        return group
-    return replace(group, message="; ".join(unlimited), verdict="not checked")
-
-
 def _body_groups(plan: LeapPlan) -> tuple[Group, ...]:
     """The groups of a leap's whole body; none is checked where the robot's legs are not known, or
     without pinocchio.
@@ -204,15 +187,7 @@ def _body_groups(plan: LeapPlan) -> tuple[Group, ...]:
     try:
         return tuple(LeapBodyMeasurements(body_of(plan)).groups())
     except InvalidInput as error:
-        return _unjudged(str(error))
-
-
-def _unjudged(why: str) -> tuple[Group, ...]:
-    """The groups of a leap's whole body, as not judged."""
-    return tuple(
-        Group(name, unit=_BODY_UNITS[name], message=why, verdict="not checked")
-        for name in LEAP_BODY
-    )
+        return tuple(nothing(str(error), _BODY_UNITS))
 
 
 def with_body(report: Report[LeapPlan]) -> Report[LeapPlan]:
@@ -274,7 +249,10 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
     judge = _Judge(plan)
     has_legs = plan.problem.robot.source.own
     report = Report(
-        groups=(*judge.groups(), *_unjudged("not asked for" if has_legs else _UNJUDGED)),
+        groups=(
+            *judge.groups(),
+            *nothing("not asked for" if has_legs else _UNJUDGED, _BODY_UNITS),
+        ),
         answer=plan,
         tolerance=_TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
@@ -287,14 +265,8 @@ def _defect(plan: LeapPlan) -> str:
     leap = plan.problem
     if not 0 <= plan.timing < len(leap.timings_s):
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
-    for name, shape in leap_shapes(leap).items():
-        array = getattr(plan, name)
-        if array is None and name in LATER:
-            continue
-        if np.shape(array) != shape:
-            return f"{name}: expected shape {shape}, got {array.shape}"
-        if not np.all(np.isfinite(array)) or np.abs(array).max(initial=0.0) > 1e9:
-            return f"{name}: expected finite numbers, got other values"
+    if defect := arrays_defect(plan, plan.shapes(leap), plan.LATER, 1e9):
+        return defect
     if plan.gather is not None and not np.all(
         (plan.gather >= LEAST_GATHER) & (plan.gather <= MOST_GATHER)
     ):
@@ -355,8 +327,7 @@ class _Judge:
         """Forces are constant in an interval: v is linear, c quadratic, L cubic and Θ of degree 4."""
         leap, plan = self.leap, self.plan
         spans = np.diff(leap.times_s(plan.timing))
-        stands = self.holds[..., None] >= 0
-        forces = np.where(stands, plan.forces_n, 0.0) / leap.robot.mass_kg
+        forces = np.where(self.holds[..., None] >= 0, plan.forces_n, 0.0) / leap.robot.mass_kg
         pushes = forces.sum(axis=1)
         twists = cross(plan.toes_m[np.maximum(self.holds, 0)], forces).sum(axis=1)
         start, paths = leap.start, np.empty((len(spans), _INSTANTS, 4, 3))
@@ -418,8 +389,7 @@ class _Judge:
         away = float(np.linalg.norm(com - leap.goal.com_m)) - leap.goal_radius_m
         self._note("goal", away, self.last)
         self._note("rest", np.abs(speed - leap.goal.velocity_m_s), self.last)
-        off = np.abs(momentum - leap.goal.momentum_m2_s)
-        self._note("momentum", off, self.last, scale=limit)
+        self._note("momentum", np.abs(momentum - leap.goal.momentum_m2_s), self.last, scale=limit)
         self._note("tilt", np.abs(turn) - self.limits.goal_tilt_rad, self.last)
         for still, k in zip(leap.still, (0, self.last), strict=True):
             if still:

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from ..answer.plan import Plan
+from ..answer.plan import Plan, patches_of
 from ..answer.report import Group, Report
 from ..files.arrays import Array, cross
 from ..problem.problem import Stance
@@ -144,10 +144,9 @@ def margin_group(plan: Plan, *, measured: bool = True) -> Group:
     for name, values in found.items():
         frame = course.stances[int(values.argmin())].frame
         figures |= {name: float(values.min()), f"{name.rpartition('_')[0]}_frame": frame}
-    held = not measured and borne_share(plan, (wanted / course.weight_n,)) > 0.0
     pushes_n = (
         np.array([wanted])
-        if held
+        if not measured and borne_share(plan, (wanted / course.weight_n,)) > 0.0
         else found["push_n"]
         if wanted == 0.0
         else stance_margins(plan, ("push_n",))["push_n"]
@@ -187,7 +186,7 @@ def stances_of(plan: Plan, least: float = 0.0) -> Stances:
         for offset in course.offsets_m[foot][int(plan.choice[foot])]
     ]
     index, frames, feet, offsets = (np.array([row[k] for row in rows]) for k in range(4))
-    chosen = [course.patch(foot, plan.choice) for foot in range(len(plan.toes_m))]
+    chosen = patches_of(plan)
     low, high = (course.force_n / course.weight_n * bounds[feet] for bounds in course.force_bounds)
     aside = np.minimum(-low[:, 1:], high[:, 1:]).min(axis=1) / np.maximum(high[:, 0], _SLICK)
     friction = np.array([patch.friction for patch in chosen])[feet]

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import MotionTable
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross, grain
+from ..motion.motion import MotionTable
 from ..physics import GRAVITY_M_S2
 from ..robot.inverse_kinematics import WholeBody
 from ..robot.kinematics import Kinematics, pinocchio
@@ -181,10 +181,9 @@ def check_motion(
                 verdict="not checked" if why and held else "",
             )
         )
-    judged = replace(table, doubts=robot.source.doubts)
     return Report(
         groups=tuple(groups),
-        answer=judged,
+        answer=replace(table, doubts=robot.source.doubts),
         tolerance=0.0,
         limits=most,
         figures={"rounding": coarsest},  # within which the smoothest motion was judged
@@ -214,7 +213,7 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
     from dataclasses import replace
 
     limbs = kinematics.robot.limb_names
-    changed: dict[str, Any] = {}
+    changed, columns = dict[str, Any](), dict[str, Array]()
     for kind, names_of_robot, names, arrays in (
         ("joints", kinematics.joints, table.joints, ("angles_rad", "rates_rad_s", "torques_nm")),
         ("limbs", limbs, table.limbs, ("contact", "forces_n", "feet_m")),
@@ -232,10 +231,10 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
             )
         order = [names.index(name) for name in names_of_robot]
         changed[kind] = tuple(names_of_robot)
-        changed |= {
-            name: array[:, order] for name, array in table.arrays().items() if name in arrays
+        columns |= {
+            name: array[:, order] for name, array in table.columns.items() if name in arrays
         }
-    return replace(table, **changed)
+    return replace(table.with_columns(**columns), **changed)
 
 
 def _unrounded(table: MotionTable) -> MotionTable:
@@ -258,7 +257,7 @@ def _unrounded(table: MotionTable) -> MotionTable:
             at = at - np.diff(np.pad(bent, ((2, 2), (0, 0))), n=2, axis=0) / 16.0
             at = np.clip(at, given - 0.5 * unit, given + 0.5 * unit)
         smooth[name] = at
-    return replace(table, **smooth) if smooth else table
+    return table.with_columns(**smooth) if smooth else table
 
 
 class _Measured:
@@ -574,8 +573,7 @@ class _Measured:
         """
         held, near = self.stands.copy(), self.surface[0] <= _GAP_M
         for foot in range(held.shape[1]):
-            rows = np.flatnonzero(held[:, foot])
-            for first, last in pairwise(rows.tolist()):
+            for first, last in pairwise(np.flatnonzero(held[:, foot]).tolist()):
                 if (last - first) * self.step_s <= _LIFT_S:
                     held[first:last, foot] |= near[first:last, foot].all()
         return held

@@ -25,7 +25,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..answer.plan import WHOLE_BODY, Plan
+from ..answer.plan import WHOLE_BODY, Plan, patches_of
 from ..answer.report import PLAN_GROUPS, Group, Report
 from ..files.arrays import Array
 from ..motion.path import touch_downs_m
@@ -69,7 +69,7 @@ def ground_group(plan: Plan) -> Group | None:
     it is.
     """
     course = plan.problem
-    patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
+    patches = patches_of(plan)
     sure = [
         (p, *known)
         for p, patch in enumerate(patches)
@@ -195,10 +195,7 @@ class _Sweep:
         self._shoulders = np.array([limb.shoulder_m for limb in plan.problem.robot.limbs])
         self._reach = np.array([limb.reach_m for limb in plan.problem.robot.limbs])
         self._rows = reach_rows(plan.problem.robot.limbs)
-        self._patches = [
-            foothold.candidates[int(chosen)]
-            for foothold, chosen in zip(plan.problem.footholds, plan.choice, strict=True)
-        ]
+        self._patches = patches_of(plan)
         regions = [
             row[int(chosen)] for row, chosen in zip(plan.problem.regions, plan.choice, strict=True)
         ]
@@ -299,9 +296,7 @@ class _Sweep:
         at = self._measured(frame, share, owner, limb, point, (before, after))
         values = violations(at)
         self._found |= worst_groups(at, values, frame, share, limb, self._names, self._tolerance)
-        if not len(limbs):
-            return 0.0
-        return float(worst_of(at, values)[stances:].max())
+        return float(worst_of(at, values)[stances:].max()) if limbs else 0.0
 
     def _measured(
         self,
@@ -512,8 +507,7 @@ class _Sweep:
         if len(toe_sides):
             moved, least = toes[step, limb], course.steps.least_toe_m
             self._found["least_toe_step"] = self._group("least_toe_step", 0.0, unit="m")
-            short = self._short(moved, least, toe_sides)
-            self._note("least_toe_step", short, later[step], limb)
+            self._note("least_toe_step", self._short(moved, least, toe_sides), later[step], limb)
         if len(turn_sides):
             least = course.steps.least_rotation_rad
             self._found["least_rotation_step"] = self._group("least_rotation_step", 0.0, unit="rad")

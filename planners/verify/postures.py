@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answer.plan import NOBODY_CARRIES, OPTIONAL, PER_FRAME, WHOLE_BODY, Plan, plan_shapes
+from ..answer.plan import NOBODY_CARRIES, WHOLE_BODY, Plan
 from ..answer.report import (
     GROUPS,
     LATE,
@@ -31,6 +31,7 @@ from .bodies import check_bodies
 from .geometry import counts_of, exact_and_linear, forces_defect, length
 from .half_spaces import row_counts
 from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
+from .trajectory_measurements import arrays_defect
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics
@@ -307,23 +308,12 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     does.
 
     Looks at what there is, shapes and finiteness, of soles also whether forces at points add up.
-    Nothing is raised. Shapes of a posture are said as files have them, without the axis of frames.
+    Nothing is raised.
     """
     course = plan.problem
-    for name, shape in plan_shapes(course).items():
-        array = getattr(plan, name)
-        if array is None and name in OPTIONAL:
-            continue
-        if array is None or array.shape != shape:
-            return _misshapen(plan, name, shape), -1, ""
-        if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers, got other values", -1, ""
-        if not course.is_posture and np.abs(array).max(initial=0) > LARGEST:
-            return (
-                f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}",
-                -1,
-                "",
-            )
+    most = float(np.finfo(np.float64).max) if course.is_posture else LARGEST
+    if defect := arrays_defect(plan, plan.shapes(course), plan.LATER, most):
+        return defect, -1, ""
     for foothold, chosen in (
         zip(course.footholds, plan.choice, strict=True) if plan.choice.any() else ()
     ):
@@ -344,28 +334,12 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     return _points_defect(plan), -1, ""
 
 
-def _misshapen(plan: Plan, name: str, shape: tuple[int, ...]) -> str:
-    """Defect of an array that lacks or has another shape than it should."""
-    array = getattr(plan, name)
-    if array is None:
-        return f"{name}: expected shape {_said(plan, name, shape, shape)}, got nothing"
-    got = _said(plan, name, array.shape, array.shape)
-    if shape[-1:] == (0,):
-        return f"{name}: expected none of a robot whose legs are not known, got shape {got}"
-    return f"{name}: expected shape {_said(plan, name, shape, array.shape)}, got {got}"
-
-
-def _said(plan: Plan, name: str, shape: tuple[int, ...], got: tuple[int, ...]) -> tuple[int, ...]:
-    """A shape as it is said, of a posture's array with one row a frame without its axis."""
-    return shape[1:] if plan.problem.is_posture and name in PER_FRAME and got[:1] == (1,) else shape
-
-
 def _points_defect(plan: Plan) -> str:
     """Points of feet that are none: nothing would judge them."""
     for name in ("points_m", "point_forces_n"):
         array = getattr(plan, name)
         if array is not None:
-            return f"{name}: expected none on point feet, got shape {_said(plan, name, array.shape, array.shape)}"
+            return f"{name}: expected none on point feet, got shape {array.shape}"
     return ""
 
 

@@ -147,7 +147,6 @@ class Schedule:
         toe_sides, turn_sides = course.side_rows
         changed = holds[1:] != holds[:-1]
         moves = np.stack([holds[:-1][changed], holds[1:][changed]], axis=1)
-        apart = [relative_rows(course.robot, holds)[0], moves[: len(toe_sides)]]
         return Schedule(
             holds=holds,
             frame=np.array([stance.frame for stance in course.stances]),
@@ -155,7 +154,7 @@ class Schedule:
             limb=limb[row],
             point=point,
             row_limb=np.repeat(np.arange(len(names)), row_counts(course.robot.limbs)),
-            apart=np.concatenate(apart),
+            apart=np.concatenate([relative_rows(course.robot, holds)[0], moves[: len(toe_sides)]]),
             linear=len(course.steps.linear_rows(1.0)) + (len(turn_sides) > 0),
             least_toes=len(toe_sides),
         )

@@ -25,6 +25,7 @@ from .trajectory_measurements import (
     Flags,
     TrajectoryMeasurements,
     WalkLimits as WalkLimits,
+    arrays_defect,
     as_far_as_known,
     rms,
 )
@@ -170,7 +171,7 @@ def _lacking_turn(walk: TrajectoryMeasurements) -> Array:
     forces, stands = trajectory.forces_n[1:-1], trajectory.contact[1:-1]
     needed = walk.moment_residual[:, 2] + np.cross(arms, forces).sum(axis=1)[:, 2]
     presses = np.maximum(np.sum(forces * normals, axis=-1), 0.0) + walk.suction_n
-    level = np.linalg.norm(normals[..., :2], axis=-1) + trajectory.friction
+    level = np.linalg.norm(normals[..., :2], axis=-1) + trajectory.problem.friction
     moments = np.where(stands, np.linalg.norm(arms[..., :2], axis=-1) * level * presses, 0.0)
     lacking = np.maximum(np.abs(needed) - moments.sum(axis=1), 0.0)
     return np.asarray(lacking / np.linalg.eigvalsh(np.asarray(walk.robot.inertia_kgm2))[-1])
@@ -186,25 +187,12 @@ def _defect_of(trajectory: Trajectory, step_s: float) -> str:
     count, feet = trajectory.samples, len(trajectory.robot.feet)
     if count < 4:  # the acceleration at either end is on a line through two
         return f"times_s: expected four samples or more, got {count}"
-    shapes = {
-        "times_s": (count,),
-        "torso_m": (count, 3),
-        "rotation": (count, 3, 3),
-        "feet_m": (count, feet, 3),
-        "forces_n": (count, feet, 3),
-        "contact": (count, feet),
-        "adhesive": (feet,),
-        "start": (2,),
-        "goal": (2,),
-    }
-    for name, shape in shapes.items():
-        array = getattr(trajectory, name)
-        if array.shape != shape:
-            return f"{name}: expected shape {shape}, got {array.shape}"
-        if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers, got {array[~np.isfinite(array)][0]}"
-        if not float(np.abs(array).max()) <= LARGEST:
-            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}"
+    asked, of_question = trajectory.problem, {"adhesive": (feet,), "start": (2,), "goal": (2,)}
+    if defect := (
+        arrays_defect(trajectory, trajectory.shapes(asked, count))
+        or arrays_defect(asked, of_question)
+    ):
+        return defect
     steps = np.diff(trajectory.times_s)
     if not float(steps.min()) > 0.0:
         return f"times_s: expected increasing times, got a step of {steps.min():g} s"
@@ -216,14 +204,11 @@ def _defect_of(trajectory: Trajectory, step_s: float) -> str:
         return (
             f"times_s: expected samples every {step_s:g} s or less, got a step of {steps.max():g} s"
         )
-    if not (math.isfinite(trajectory.friction) and 0.0 <= trajectory.friction <= LARGEST):
-        return f"friction: expected a number of at least 0, got {trajectory.friction:g}"
-    if trajectory.suction_n is not None and not 0.0 <= trajectory.suction_n <= LARGEST:
-        return f"suction_n: expected a number of at least 0, got {trajectory.suction_n:g}"
-    for name in ("heading_rad", "heading_end_rad"):
-        heading = getattr(trajectory, name)
-        if heading is not None and not abs(heading) <= LARGEST:
-            return f"{name}: expected a finite number, got {heading:g}"
+    for name in ("friction", "suction_n", "heading_rad", "heading_end_rad"):
+        value = getattr(asked, name)
+        least = -LARGEST if name.startswith("heading") else 0.0
+        if value is not None and not least <= value <= LARGEST:
+            return f"{name}: expected a number from {least:g} to {LARGEST:g}, got {value:g}"
     return ""
 
 
@@ -281,22 +266,22 @@ def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> 
 def _measured(walk: TrajectoryMeasurements, limits: WalkLimits, *, body: bool) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
     groups = whole_body(walk, limits) if body else nothing("not asked for")
-    rows = (*_balances(walk, limits), *_ends(walk, limits), *_contacts(walk, limits))
-    rows = (*rows, *_whole(walk, limits), *groups)
-    found, unasked = {group.name: group for group in rows}, _unasked(walk.trajectory)
+    for measure in (_balances, _ends, _contacts, _whole):
+        groups += measure(walk, limits)
+    found, unasked = {group.name: group for group in groups}, _unasked(walk.trajectory)
     return tuple(as_far_as_known(found[name], unasked.get(name, "")) for name in GROUPS)
 
 
 def _unasked(trajectory: Trajectory) -> dict[str, str]:
     """Groups of which a trajectory does not say what is asked for, and what it does not say."""
     reasons = dict[str, str]()
-    if trajectory.heading_rad is None and trajectory.heading_end_rad is None:
+    if trajectory.problem.heading_rad is None and trajectory.problem.heading_end_rad is None:
         reasons["heading"] = "no heading is asked for"
-    if not all(trajectory.still):
+    if not all(trajectory.problem.still):
         reasons |= dict.fromkeys(
             ("rest", "rest_acceleration"), "it is not asked to be at rest at both ends"
         )
-    if trajectory.adhesive.any() and trajectory.suction_n is None:
+    if trajectory.problem.adhesive.any() and trajectory.problem.suction_n is None:
         reasons["suction"] = "no suction of feet that stick"
     return reasons
 
@@ -343,7 +328,7 @@ def _balances(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, 
 def _ends(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
     """Where the torso begins and ends, its headings there, and rest where that is asked for."""
     trajectory, times_s, points = walk.trajectory, walk.times_s, walk.points
-    starts, stops = trajectory.still
+    starts, stops = trajectory.problem.still
 
     def ends(step: int, shorter: int = 0) -> list[int]:
         """The first samples, the last ones, or none: as the task asks; ``step`` inwards of a series
@@ -351,7 +336,7 @@ def _ends(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]
         """
         return [step] * starts + [trajectory.samples - 1 - shorter - step] * stops
 
-    headings = (trajectory.heading_rad, trajectory.heading_end_rad)
+    headings = (trajectory.problem.heading_rad, trajectory.problem.heading_end_rad)
     off = [
         0.0 if rad is None else float(np.arctan2(x[1], x[0])) - rad
         for rad, x in zip(headings, trajectory.rotation[[0, -1], :, 0], strict=True)
@@ -365,7 +350,7 @@ def _ends(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]
     group, at_rest = walk.group, times_s[ends(0)]
     start, goal = (
         np.linalg.norm(trajectory.torso_m[[at], :2] - wanted, axis=1)
-        for at, wanted in ((0, trajectory.start), (-1, trajectory.goal))
+        for at, wanted in ((0, trajectory.problem.start), (-1, trajectory.problem.goal))
     )
     return (
         group("start", start, limits.start_m, times_s=times_s[:1]),
@@ -382,7 +367,7 @@ def _contacts(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, 
     contact, feet, heights = trajectory.contact, trajectory.feet_m, walk.ground[0]
     sizes = np.linalg.norm(trajectory.forces_n, axis=-1)
     ways = np.linalg.norm(np.diff(feet, axis=0), axis=-1)
-    sticking = contact & trajectory.adhesive & np.isfinite(walk.suction_n)
+    sticking = contact & trajectory.problem.adhesive & np.isfinite(walk.suction_n)
     low, swings = contact | (heights < limits.contact_gap_m), _phases(~contact)
     whole_stances, whole_swings = (
         [phase for phase in phases if phase[1] > 0 and phase[2] < len(contact) - 1]

@@ -8,9 +8,10 @@ believed.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from ..answer.report import Group
 from ..answer.trajectory import OFF_M, STEP_S, WALK_BODY as WHOLE_BODY, Trajectory
 from ..arguments import cached_property
-from ..files.arrays import Array
+from ..files.arrays import LARGEST, Array
 from ..physics import GRAVITY_M_S2
 
 __all__ = ["GROUPS", "WHOLE_BODY", "WalkLimits"]
@@ -187,10 +188,33 @@ def worst_group(
 
 def as_far_as_known(group: Group, why: str) -> Group:
     """A group of which something is not known or not asked for: it holds of nothing."""
-    if not why:
+    if not why or group.verdict == "violated":
         return group
-    verdict = "not checked" if group.value <= group.limit else group.verdict
-    return replace(group, message=why, verdict=verdict)
+    return replace(group, message=why, verdict="not checked")
+
+
+def arrays_defect(
+    thing: Any,
+    shapes: Mapping[str, tuple[int, ...]],
+    later: Collection[str] = (),
+    most: float = LARGEST,
+) -> str:
+    """The first array of something that has another shape than it should, or numbers that are none
+    or larger than the most, in words; empty where there is none.
+
+    Arguments:
+        later: names of arrays that may be None.
+    """
+    for name, shape in shapes.items():
+        array = getattr(thing, name)
+        if array is None and name in later:
+            continue
+        if np.shape(array) != shape:
+            return f"{name}: expected shape {shape}, got {np.shape(array)}"
+        if not (largest := np.abs(array).max(initial=0)) <= most:  # NaN, too
+            wanted = f"magnitudes up to {most:g}" if np.isfinite(largest) else "finite numbers"
+            return f"{name}: expected {wanted}, got {largest:g}"
+    return ""
 
 
 Flags = NDArray[np.bool_]
@@ -210,9 +234,9 @@ class TrajectoryMeasurements:
         self.times_s, self.step_s = trajectory.times_s, trajectory.step_s
         self.weight_n = self.robot.mass_kg * GRAVITY_M_S2
         self.moment_scale_nm = self.weight_n * self.robot.stand_height_m
-        sucks = math.inf if trajectory.suction_n is None else trajectory.suction_n
-        self.suction_n = np.where(trajectory.adhesive, sucks, 0.0)
-        self.gripping = trajectory.contact & ~trajectory.adhesive
+        sucks = math.inf if trajectory.problem.suction_n is None else trajectory.problem.suction_n
+        self.suction_n = np.where(trajectory.problem.adhesive, sucks, 0.0)
+        self.gripping = trajectory.contact & ~trajectory.problem.adhesive
         torso = trajectory.torso_m[:, None]
         self.points, self.arms = np.hstack([trajectory.feet_m, torso]), trajectory.feet_m - torso
 
@@ -301,7 +325,7 @@ class TrajectoryMeasurements:
         """Distance from the surface along its normal, negative below, shape (…) [m], and upward
         normals, (…, 3).
         """
-        xy, terrain = points[..., :2], self.trajectory.terrain
+        xy, terrain = points[..., :2], self.trajectory.problem.terrain
         steps = _FEELER_M * np.array([[1.0, 0.0], [0.0, 1.0]])
         slope = [
             (terrain.height(xy + step) - terrain.height(xy - step)) / (2.0 * _FEELER_M)
@@ -321,7 +345,7 @@ class TrajectoryMeasurements:
         """
         normal, tangential = _split(forces_n, normals)
         pressed = normal + suction_n
-        held = np.where(np.isinf(pressed), np.inf, self.trajectory.friction * pressed)
+        held = np.where(np.isinf(pressed), np.inf, self.trajectory.problem.friction * pressed)
         return np.asarray(np.maximum(tangential - held, -pressed))
 
     @cached_property
@@ -346,7 +370,7 @@ class TrajectoryMeasurements:
 
     def domain(self) -> Array:
         """Distance of feet and torso outside the terrain's grid, shape (K, E + 1) [m]."""
-        return _outside(self.points[..., :2], *np.array(self.trajectory.terrain.domain_m).T)
+        return _outside(self.points[..., :2], *np.array(self.trajectory.problem.terrain.domain_m).T)
 
     # -------------------------------------------------------------------------------------- body
     # and course
@@ -359,13 +383,17 @@ class TrajectoryMeasurements:
         looked at every CLOSE_M: a stone may come up between.
         """
         points = self._placed(slice(None), _APART_M)
-        depth = (self.trajectory.terrain.height(points[..., :2]) - points[..., 2]).max(axis=1)
+        depth = (self.trajectory.problem.terrain.height(points[..., :2]) - points[..., 2]).max(
+            axis=1
+        )
         near = np.flatnonzero((self._tops(points[..., :2]) > points[..., 2]).any(axis=1))
         if len(near):
             close = self._placed(near, _CLOSE_M)
             depth[near] = np.maximum(
                 depth[near],
-                (self.trajectory.terrain.height(close[..., :2]) - close[..., 2]).max(axis=1),
+                (self.trajectory.problem.terrain.height(close[..., :2]) - close[..., 2]).max(
+                    axis=1
+                ),
             )
         return np.asarray(depth)
 
@@ -387,7 +415,7 @@ class TrajectoryMeasurements:
         """The highest of the map's own heights within NEAR_M of points, shape (…, 2) [m] → (…)."""
         from scipy.ndimage import maximum_filter
 
-        terrain = self.trajectory.terrain
+        terrain = self.trajectory.problem.terrain
         lines = terrain.x_m, terrain.y_m
         about = tuple(1 + 2 * math.ceil(NEAR_M / float(np.diff(line).min())) for line in lines)
         highest = maximum_filter(
@@ -448,7 +476,7 @@ class TrajectoryMeasurements:
         """
         about = OFF_M * np.vstack([np.zeros(3), np.eye(3)[:2], -np.eye(3)[:2]])
         places = (self.trajectory.feet_m[_began(self.gripping)][:, None] + about).reshape(-1, 3)
-        low, high = np.transpose(self.trajectory.terrain.domain_m)
+        low, high = np.transpose(self.trajectory.problem.terrain.domain_m)
         normals = self.above(
             places[np.all((places[:, :2] >= low) & (places[:, :2] <= high), axis=1)]
         )[1]
@@ -456,7 +484,7 @@ class TrajectoryMeasurements:
 
     def footing(self) -> str:
         """How sure the feet stand, in words."""
-        needs, has = self.footing_friction(), self.trajectory.friction
+        needs, has = self.footing_friction(), self.trajectory.problem.friction
         place = f"within {1e3 * OFF_M:.0f} mm of"
         if needs <= has:
             return f"sure footing: the ground {place} every foothold holds with a friction of {needs:.2g}, of {has:.2g}"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import MotionTable, Plan
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, archive_of, checked
@@ -25,7 +25,7 @@ from stancekit.planners.formats.table_file import (
     read_table,
 )
 from stancekit.planners.motion.gait_motion import feet_motion
-from stancekit.planners.motion.motion import LARGEST_RATE_HZ, Played, table_of
+from stancekit.planners.motion.motion import LARGEST_RATE_HZ, MotionTable, Played, table_of
 from stancekit.planners.motion.plan_motion import reached_s
 from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot, walking_robot
@@ -90,7 +90,7 @@ def played(moved: Moved) -> str:
     falls that turns away from its rows or sinks below them; where it drifts to is not looked at.
     """
     table, fell = moved.table, list[str]()
-    if moved.robot is None or table.torques_nm is None:
+    if moved.robot is None or "torques_nm" not in table.columns:
         return ""
     for pace in _PACES:
         try:
@@ -282,11 +282,13 @@ def read_keys(path: Path) -> MotionTable:
         return MotionTable(
             joints=tuple(model.joint(i).name for i in joints),
             limbs=(),
-            time_s=times,
-            angles_rad=qpos[:, model.jnt_qposadr[joints]],
-            rates_rad_s=qvel[:, model.jnt_dofadr[joints]] if qvel.any() else None,
-            origin_m=qpos[:, at : at + 3] + origin_m,
-            quaternion=qpos[:, at + 3 : at + 7],
+            columns={
+                "time_s": times,
+                "angles_rad": qpos[:, model.jnt_qposadr[joints]],
+                "rates_rad_s": qvel[:, model.jnt_dofadr[joints]] if qvel.any() else None,
+                "origin_m": qpos[:, at : at + 3] + origin_m,
+                "quaternion": qpos[:, at + 3 : at + 7],
+            },
             source=str(path),
         )
     except InvalidInput as error:

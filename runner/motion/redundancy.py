@@ -116,8 +116,7 @@ class RedundancyResolution:
     ) -> None:
         times = motion.knots_s
         if motion.path is not None and motion.path.plan.joints_rad is not None:
-            moments = moments_at(motion, times)
-            path = JointPath(motion.path, kinematics).postures(moments).angles
+            path = JointPath(motion.path, kinematics).postures(moments_at(motion, times)).angles
             path = _from(near_rad, path, motion, times)
             if kinematics.drawn:
                 path = _without_jumps(

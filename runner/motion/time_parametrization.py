@@ -585,23 +585,24 @@ def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
     kinematics = Kinematics(robot, gravity_m_s2=subject.gravity_m_s2)
     drives = Drives.of(kinematics.model)
     can = WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)
+
+    def timed(plan: Plan) -> JointProfile:
+        """A plan at the pace that its joints allow."""
+        motion, wished = unhurried_plan(plan, kinematics, can)
+        return parametrize(motion, kinematics, can, drives=drives, wished=wished)
+
     match subject:
         case Plan():
-            motion, wished = unhurried_plan(subject, kinematics, can)
-            profile = parametrize(motion, kinematics, can, drives=drives, wished=wished)
+            profile = timed(subject)
         case Trajectory():
             motion = gait_motion(subject, robot.source.foot_radii_m)
             profile = timed_gait(motion, resolved(motion, kinematics), kinematics, can, drives)
-        case Crossing():
-            climbs = []
-            for plan in plans_of(subject):
-                motion, wished = unhurried_plan(plan, kinematics, can)
-                timed = parametrize(motion, kinematics, can, drives=drives, wished=wished)
-                climbs.append(timed.motion)
-            motion = crossing_motion(subject, climbs)
-            return joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives).played()
-        case LeapPlan():
-            motion = leap_motion(subject)
+        case LeapPlan() | Crossing():
+            motion = (
+                leap_motion(subject)
+                if isinstance(subject, LeapPlan)
+                else crossing_motion(subject, [timed(plan).motion for plan in plans_of(subject)])
+            )
             return joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives).played()
         case _:
             raise TypeError(f"expected a motion, got a {type(subject).__name__}")

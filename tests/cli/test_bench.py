@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from stancekit.cli.bench_gait import judge
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.gait.walk_table import read_walk, table_of, walk_names
 from stancekit.planners.plugins import FILE
 from stancekit.planners.robot.walker import anymal
@@ -170,12 +170,14 @@ def standing() -> Trajectory:
         feet_m=np.tile(feet, (count, 1, 1)),
         forces_n=np.tile(force, (count, 4, 1)),
         contact=np.ones((count, 4), dtype=bool),
-        robot=robot,
-        terrain=HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1),
-        friction=0.5,
-        adhesive=np.zeros(4, dtype=bool),
-        start=np.zeros(2),
-        goal=np.zeros(2),
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1),
+            friction=0.5,
+            adhesive=np.zeros(4, dtype=bool),
+            start=np.zeros(2),
+            goal=np.zeros(2),
+        ),
     )
 
 

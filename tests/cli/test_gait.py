@@ -66,7 +66,7 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait, short):
     walk, content = read_motion("walk.json")
     assert content["verified"]
     assert check_file("walk.json").report.digest == record["digest"]
-    assert np.allclose(walk.goal, [0.2, 0.1])
+    assert np.allclose(walk.problem.goal, [0.2, 0.1])
     (attempt,) = record["attempts"]
     assert attempt["violations"][-1] < 1e-4 <= min(attempt["violations"][:-1])
     assert attempt["iterations"] == len(attempt["violations"]) - 1
@@ -177,7 +177,7 @@ def test_a_picture_of_heights_is_a_terrain(gait):
     Image.fromarray(np.full((81, 81), 128, dtype=np.uint8)).save("flat.png")
     read = ("flat.png", *SHORT[1:], "--raw", "--heights-m", "0,1", "--spacing-m", "0.05")
     assert gait(*read, "--out", "walk.json")[0] == 0
-    assert read_motion("walk.json")[0].terrain.heights_m == pytest.approx(128 / 255)
+    assert read_motion("walk.json")[0].problem.terrain.heights_m == pytest.approx(128 / 255)
 
 
 def test_the_portfolio_stops_at_the_first_chart_that_is_accepted(gait):

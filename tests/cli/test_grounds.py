@@ -36,7 +36,7 @@ def test_help_and_documentation_list_the_one_table(stancekit, monkeypatch):
 
 def test_a_walk_goes_over_the_ground_that_a_plan_stands_on(stancekit):
     assert stancekit("gait", "stairs:0.1:7", *SHORT, "--out", "walk.json").code == 0
-    walked = check_file("walk.json").report.answer.terrain
+    walked = check_file("walk.json").report.answer.problem.terrain
     assert walked.name == "stairs:0.1:7"
     stancekit(
         "plan", "stairs:0.1:7", "--out", "plan.json"

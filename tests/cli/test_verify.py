@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from subprocess import run
@@ -246,7 +245,7 @@ def walks_of() -> dict[str, Trajectory]:
     }
     return {
         "honest": walk(),
-        "open": replace(walk(), heading_rad=None, still=(False, False)),
+        "open": walk().asked(heading_rad=None, still=(False, False)),
         **forged,
     }
 

@@ -19,7 +19,7 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.network import Architecture, BoxNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.formats.motion_file import write_certificate, write_motion
 from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course, spec_from
@@ -137,12 +137,14 @@ def _gaits(folder: Path) -> None:
         feet_m=np.tile([foot.nominal_m + at for foot in robot.feet], (count, 1, 1)),
         forces_n=np.tile([0.0, 0.0, robot.weight_n / 6.0], (count, 6, 1)),
         contact=np.ones((count, 6), dtype=bool),
-        robot=robot,
-        terrain=terrain,
-        friction=0.7,
-        adhesive=np.zeros(6, dtype=bool),
-        start=at[:2],
-        goal=at[:2],
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=terrain,
+            friction=0.7,
+            adhesive=np.zeros(6, dtype=bool),
+            start=at[:2],
+            goal=at[:2],
+        ),
         provenance={},
     )
     write_motion(folder / "gait.json", still, check_trajectory(still))

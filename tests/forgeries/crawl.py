@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stancekit.planners.answer.trajectory import STEP_S, Trajectory
+from stancekit.planners.answer.trajectory import STEP_S, Trajectory, WalkQuestion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import anymal
@@ -64,15 +64,17 @@ def crawl(friction: float = 0.75) -> Trajectory:
         feet_m=toes,
         forces_n=balanced(robot, torso, toes, contact),
         contact=contact,
-        robot=robot,
-        terrain=HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25, name="level"),
-        friction=friction,
-        adhesive=np.zeros(4, dtype=bool),
-        start=torso[0, :2],
-        goal=torso[-1, :2],
-        heading_rad=0.0,
-        still=(True, True),
-        suction_n=2.0 * robot.weight_n,
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=HeightField.from_function(lambda x, y: 0.0 * x, 2.0, 0.25, name="level"),
+            friction=friction,
+            adhesive=np.zeros(4, dtype=bool),
+            start=torso[0, :2],
+            goal=torso[-1, :2],
+            heading_rad=0.0,
+            still=(True, True),
+            suction_n=2.0 * robot.weight_n,
+        ),
     )
 
 

@@ -36,8 +36,8 @@ def _body(w: Any) -> str:
         return "its body is no rigid one"
     points = np.concatenate([w.feet_m.reshape(-1, 3), w.torso_m])[:, :2]
     low, high = (
-        np.array([w.terrain.x_m[0], w.terrain.y_m[0]]),
-        np.array([w.terrain.x_m[-1], w.terrain.y_m[-1]]),
+        np.array([w.problem.terrain.x_m[0], w.problem.terrain.y_m[0]]),
+        np.array([w.problem.terrain.x_m[-1], w.problem.terrain.y_m[-1]]),
     )
     if (points < low - 1e-4).any() or (points > high + 1e-4).any():
         return "it leaves the map"
@@ -53,7 +53,7 @@ def _body(w: Any) -> str:
     below = np.stack([x.ravel(), y.ravel(), np.full(x.size, -half[2])], axis=1)
     for k in range(0, len(w.torso_m), 40):
         face = w.torso_m[k] + below @ w.rotation[k].T
-        if (w.terrain.height(face[:, :2]) - face[:, 2]).max() > 1e-3:
+        if (w.problem.terrain.height(face[:, :2]) - face[:, 2]).max() > 1e-3:
             return "its trunk is in the ground"
     return ""
 
@@ -65,7 +65,7 @@ def _feet(w: Any) -> str:
         np.linalg.norm(np.diff(w.feet_m, 2, axis=0), axis=2) > 7.5e-3
     ).any():
         return "a foot jumps"
-    ground = w.terrain.height(w.feet_m[..., :2])
+    ground = w.problem.terrain.height(w.feet_m[..., :2])
     if (abs(w.feet_m[..., 2] - ground)[w.contact] > 1.5e-3).any():
         return "a foot stands where no ground is"
     if (np.linalg.norm(w.forces_n, axis=2)[~w.contact] > 1.5e-3 * w.robot.mass_kg * G).any():
@@ -82,7 +82,7 @@ def _feet(w: Any) -> str:
 
 def _swings(w: Any) -> str:
     dt = w.times_s[1] - w.times_s[0]
-    height = w.feet_m[..., 2] - w.terrain.height(w.feet_m[..., :2])
+    height = w.feet_m[..., 2] - w.problem.terrain.height(w.feet_m[..., :2])
     for e in range(w.contact.shape[1]):
         for first, last in runs(w.contact[:, e]):
             if (last - first + 1) * dt < 0.095:
@@ -102,16 +102,19 @@ def _swings(w: Any) -> str:
 
 def _ends(w: Any) -> str:
     if (
-        np.hypot(*(w.torso_m[0, :2] - w.start)) > 7e-3
-        or np.hypot(*(w.torso_m[-1, :2] - w.goal)) > 7e-3
+        np.hypot(*(w.torso_m[0, :2] - w.problem.start)) > 7e-3
+        or np.hypot(*(w.torso_m[-1, :2] - w.problem.goal)) > 7e-3
     ):
         return "it goes from or to another place"
     dt = w.times_s[1] - w.times_s[0]
     speed = np.linalg.norm(np.diff(w.torso_m, axis=0), axis=1) / dt
-    if (w.still[0] and speed[0] > 7e-3) or (w.still[1] and speed[-1] > 7e-3):
+    if (w.problem.still[0] and speed[0] > 7e-3) or (w.problem.still[1] and speed[-1] > 7e-3):
         return "it is not at rest where it should be"
     x = w.rotation[0, :, 0]
-    if w.heading_rad is not None and abs(np.sin(np.arctan2(x[1], x[0]) - w.heading_rad)) > 0.013:
+    if (
+        w.problem.heading_rad is not None
+        and abs(np.sin(np.arctan2(x[1], x[0]) - w.problem.heading_rad)) > 0.013
+    ):
         return "it faces elsewhere"
     return ""
 
@@ -159,26 +162,29 @@ def _balance(w: Any) -> str:
 
 
 def _cones(w: Any) -> str:
-    weight, sucks = w.robot.mass_kg * G, np.where(w.adhesive, w.suction_n or 0.0, 0.0)
+    weight, sucks = (
+        w.robot.mass_kg * G,
+        np.where(w.problem.adhesive, w.problem.suction_n or 0.0, 0.0),
+    )
     small = 1e-4
     at = w.feet_m[..., :2]
     slope = [
-        (w.terrain.height(at + one) - w.terrain.height(at - one)) / (2 * small)
+        (w.problem.terrain.height(at + one) - w.problem.terrain.height(at - one)) / (2 * small)
         for one in small * np.eye(2)
     ]
     up = np.stack([-slope[0], -slope[1], np.ones_like(slope[0])], axis=2)
     up /= np.linalg.norm(up, axis=2, keepdims=True)
     normal = (w.forces_n * up).sum(axis=2)
     flat = np.linalg.norm(w.forces_n - normal[..., None] * up, axis=2)
-    outside = np.maximum(flat - w.friction * (normal + sucks), -(normal + sucks))
+    outside = np.maximum(flat - w.problem.friction * (normal + sucks), -(normal + sucks))
     if (np.where(w.contact, outside, 0.0) > 1.3e-3 * weight).any():
         return "a foot presses or pulls as its ground does not let it"
     if (np.linalg.norm(w.forces_n, axis=2) > 3.0 * weight).any():
         return "a leg presses with more than three times the weight"
-    if not w.adhesive.any() and np.ptp(w.terrain.heights_m) < 1e-9:
+    if not w.problem.adhesive.any() and np.ptp(w.problem.terrain.heights_m) < 1e-9:
         need = w.robot.mass_kg * np.diff(w.torso_m, 2, axis=0) / (w.times_s[1] - w.times_s[0]) ** 2
         beyond = np.maximum(
-            np.linalg.norm(need[:, :2], axis=1) - w.friction * (need[:, 2] + weight), 0.0
+            np.linalg.norm(need[:, :2], axis=1) - w.problem.friction * (need[:, 2] + weight), 0.0
         )
         if beyond.sum() * (w.times_s[1] - w.times_s[0]) > 3e-3 * weight:
             return "level ground of this friction does not push it as it goes"

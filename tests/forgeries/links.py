@@ -166,7 +166,7 @@ def _motion(answer: Plan | Trajectory) -> tuple[RobotModel, Array]:
 
 def _with_model(answer: Plan | Trajectory, model: RobotModel) -> Any:
     if isinstance(answer, Trajectory):
-        return replace(answer, robot=replace(answer.robot, model=model))
+        return answer.asked(robot=replace(answer.robot, model=model))
     return replace(
         answer, problem=replace(answer.problem, robot=replace(answer.problem.robot, model=model))
     )

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.terrain.heightfield import HeightField
@@ -74,12 +74,14 @@ def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
         feet_m=places,
         forces_n=balanced(robot, torso, places, contact),
         contact=contact,
-        robot=robot,
-        terrain=HeightField(line, line, np.zeros((17, 17)), "level"),
-        friction=0.7,
-        adhesive=np.zeros(4, dtype=bool),
-        start=torso[0, :2],
-        goal=torso[-1, :2],
-        heading_rad=0.0,
-        still=(True, True),
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=HeightField(line, line, np.zeros((17, 17)), "level"),
+            friction=0.7,
+            adhesive=np.zeros(4, dtype=bool),
+            start=torso[0, :2],
+            goal=torso[-1, :2],
+            heading_rad=0.0,
+            still=(True, True),
+        ),
     )

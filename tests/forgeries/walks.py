@@ -30,9 +30,12 @@ def kind(forge: Forge) -> Forge:
     return forge
 
 
-def changed(walk: Trajectory, **arrays: Any) -> Trajectory:
-    """The walk with other arrays."""
-    return replace(walk, **arrays)
+def changed(walk: Trajectory, **changes: Any) -> Trajectory:
+    """The walk with other arrays, or asked otherwise."""
+    return replace(
+        walk.asked(**{name: changes.pop(name) for name in vars(walk.problem) if name in changes}),
+        **changes,
+    )
 
 
 def rebalanced(
@@ -275,7 +278,7 @@ def played_backwards_forces(walk: Trajectory, size: float, rng: np.random.Genera
 def outside_the_cone(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """Two feet press against each other, harder than their cones allow."""
     forces, at = np.array(walk.forces_n), int(rng.integers(5, 30))
-    beyond = walk.friction * forces[at, :, 2] + 1e-3 * size * walk.robot.weight_n
+    beyond = walk.problem.friction * forces[at, :, 2] + 1e-3 * size * walk.robot.weight_n
     push = float(beyond[[0, 1]].max())
     forces[at : at + 20, 0, 1] -= push
     forces[at : at + 20, 1, 1] += push
@@ -288,7 +291,9 @@ def pulling(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
     forces, at = np.array(walk.forces_n), int(rng.integers(5, 30))
     more = forces[at, 0, 2] + 1e-3 * size * walk.robot.weight_n
     forces[at : at + 20, :, 2] += more * np.array([-1.0, 1.0, 1.0, -1.0])
-    return changed(walk, forces_n=forces, friction=0.0 if rng.random() < 0.5 else walk.friction)
+    return changed(
+        walk, forces_n=forces, friction=0.0 if rng.random() < 0.5 else walk.problem.friction
+    )
 
 
 @kind
@@ -307,7 +312,8 @@ def shearing(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
     """Feet that stick press against each other with more than suction and friction hold."""
     forces, at, sucks = np.array(walk.forces_n), int(rng.integers(5, 30)), rng.uniform(0.0, 100.0)
     push = float(
-        (walk.friction * (forces[at, :2, 2] + sucks)).max() + 1e-3 * size * walk.robot.weight_n
+        (walk.problem.friction * (forces[at, :2, 2] + sucks)).max()
+        + 1e-3 * size * walk.robot.weight_n
     )
     forces[at : at + 20, 0, 1] -= push
     forces[at : at + 20, 1, 1] += push
@@ -528,7 +534,7 @@ def another_goal(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
     way = rng.uniform(0.0, 2.0 * np.pi)
     off = 5e-3 * size * np.array([np.cos(way), np.sin(way)])
     name = "goal" if rng.random() < 0.5 else "start"
-    return changed(walk, **{name: getattr(walk, name) + off})
+    return changed(walk, **{name: getattr(walk.problem, name) + off})
 
 
 @kind
@@ -552,7 +558,7 @@ def another_terrain(walk: Trajectory, size: float, rng: np.random.Generator) -> 
 @kind
 def another_slope(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
     """The whole walk turned onto a slope that its friction does not hold, weight and all."""
-    steep = float(np.arctan(walk.friction) + 0.02 * size)
+    steep = float(np.arctan(walk.problem.friction) + 0.02 * size)
     turn = Rotation.from_euler("y", -steep).as_matrix()
     ground = HeightField.from_function(lambda u, v: np.tan(steep) * u, 2.0, 0.25, name="slope")
     feet, torso = walk.feet_m @ turn.T, walk.torso_m @ turn.T

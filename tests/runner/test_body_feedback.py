@@ -340,7 +340,7 @@ def test_a_walk_for_other_legs_or_weaker_joints_is_refused_in_one_line(
         refuses("walk.json", "robot"),
     ):
         Runner(made).prepare(accepted)
-    own = replace(accepted.plan, robot=replace(accepted.plan.robot, model=weaker))
+    own = accepted.plan.asked(robot=replace(accepted.plan.robot, model=weaker))
     with refuses("torque"):
         Accepted.verified(own, "walk")
 

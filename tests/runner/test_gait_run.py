@@ -101,7 +101,7 @@ def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(
 
 
 def test_feet_that_stick_are_in_no_world(accepted: Accepted) -> None:
-    sticky = replace(accepted.plan, adhesive=np.arange(6) < 2)
+    sticky = accepted.plan.asked(adhesive=np.arange(6) < 2)
     with refuses("walk", "LF", "LM"):
         Accepted.verified(sticky, "walk")
 

@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.views import film
@@ -42,14 +42,16 @@ def glide(count=41) -> Trajectory:
         feet_m=torso[:, None] + np.array([foot.nominal_m for foot in robot.feet]),
         forces_n=np.where(contact[..., None], [0.0, 0.0, 30.0], 0.0),
         contact=contact,
-        robot=robot,
-        terrain=HeightField.from_function(
-            lambda x, y: 0.0 * x, 1.0, 0.25, name="</script><b>level"
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=HeightField.from_function(
+                lambda x, y: 0.0 * x, 1.0, 0.25, name="</script><b>level"
+            ),
+            friction=0.6,
+            adhesive=np.zeros(6, dtype=bool),
+            start=torso[0, :2],
+            goal=torso[-1, :2],
         ),
-        friction=0.6,
-        adhesive=np.zeros(6, dtype=bool),
-        start=torso[0, :2],
-        goal=torso[-1, :2],
     )
 
 

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 
 import stancekit
 from stancekit.planners.answer.plan import LeapPlan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.motion.leap_motion import feet_of_leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.robot.walker import hexapod_walker
@@ -52,12 +52,14 @@ def walk(terrain=None, count=81) -> Trajectory:
         feet_m=feet,
         forces_n=forces,
         contact=contact,
-        robot=robot,
-        terrain=field,
-        friction=0.6,
-        adhesive=[True] + 5 * [False],
-        start=torso[0, :2],
-        goal=torso[-1, :2],
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=field,
+            friction=0.6,
+            adhesive=[True] + 5 * [False],
+            start=torso[0, :2],
+            goal=torso[-1, :2],
+        ),
         provenance={"chart": "by hand"},
     )
 
@@ -137,7 +139,7 @@ def test_the_robot_of_a_scene_is_where_the_trajectory_has_it(view):
 def test_lines_of_the_map_lie_on_the_terrain_and_go_where_the_map_sends_them(view):
     plain = view.lines().reshape(-1, 3)
     assert len(plain)
-    assert np.allclose(plain[:, 2], view.trajectory.terrain.height(plain[:, :2]))
+    assert np.allclose(plain[:, 2], view.trajectory.problem.terrain.height(plain[:, :2]))
     on_line = np.abs(plain[:, :2] / GRID_M - np.round(plain[:, :2] / GRID_M)) < 1e-9
     assert np.all(on_line.any(axis=1))
     shifted = (
@@ -230,7 +232,9 @@ def test_the_path_is_shown_between_the_trunks_and_not_through_them(view):
 
 def test_the_ground_is_the_terrain_and_its_block_looks_outward(view):
     top, *sides = view.ground
-    assert np.allclose(top.points_m[..., 2], view.trajectory.terrain.height(top.points_m[..., :2]))
+    assert np.allclose(
+        top.points_m[..., 2], view.trajectory.problem.terrain.height(top.points_m[..., :2])
+    )
     middle = top.points_m.reshape(-1, 3).mean(axis=0)
     for sheet in sides:
         corners = sheet.points_m.reshape(-1, 3)[sheet.faces]

@@ -152,7 +152,7 @@ def test_a_walk_is_drawn_with_the_joints_of_its_own_legs() -> None:
     view, model = GaitView(walk), walk.robot.model
     bodies = by_name(list(view.at(20).bodies))
     for leg, toe in zip(model.legs, walk.feet_m[20], strict=True):
-        normal = walk.terrain.normal(toe[:2])
+        normal = walk.problem.terrain.normal(toe[:2])
         np.testing.assert_allclose(
             bodies[f"{leg.name} foot"].position_m, toe + leg.radius_m * normal, atol=1e-5
         )
@@ -160,7 +160,7 @@ def test_a_walk_is_drawn_with_the_joints_of_its_own_legs() -> None:
     assert names == set(bodies)
     own, boxes = (
         to_rgb(draw_motion(each, size_px=(480, 360))).astype(int)
-        for each in (walk, replace(walk, robot=replace(walk.robot, model=None)))
+        for each in (walk, walk.asked(robot=replace(walk.robot, model=None)))
     )
     assert own.shape == boxes.shape
     assert np.count_nonzero(np.abs(own - boxes).max(axis=2) > 20) > 500

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.walker import anymal
@@ -52,12 +52,14 @@ def walk() -> GaitView:
         feet_m=torso[:, None] + np.array([foot.nominal_m for foot in robot.feet]),
         contact=contact,
         forces_n=np.where(contact[..., None], [0.0, 0.0, 70.0], 0.0),
-        robot=robot,
-        terrain=field,
-        friction=0.6,
-        adhesive=[False] * 4,
-        start=torso[0, :2],
-        goal=torso[-1, :2],
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=field,
+            friction=0.6,
+            adhesive=[False] * 4,
+            start=torso[0, :2],
+            goal=torso[-1, :2],
+        ),
     )
     return GaitView(trajectory)
 

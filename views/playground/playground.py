@@ -261,7 +261,7 @@ class WalkPictures:
             down, force_n = bool(now.stands[k]), now.forces_n[k]
             share, size_n = float("nan"), float(np.linalg.norm(force_n))
             if down:
-                share = cone_share(force_n, now.normals[k], trajectory.friction)
+                share = cone_share(force_n, now.normals[k], trajectory.problem.friction)
                 text, place = f"{limb} {size_n:.0f} N", now.toes_m[k]
                 labels.append(Label(name=limb, position_m=place, text=text, colour=leg_colour(k)))
             rows.append(LimbLoad(name=limb, force_n=size_n, cone=share, in_air=not down))

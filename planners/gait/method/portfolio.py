@@ -176,7 +176,7 @@ def _leg_overlaps(structure: Structure, report: Report[Trajectory]) -> Overlaps:
     """
     walk = report.answer
     body = WholeBodyMeasurements(TrajectoryMeasurements(walk))
-    bodies = Bodies(body.kinematics, Obstacles.under(walk.terrain))
+    bodies = Bodies(body.kinematics, Obstacles.under(walk.problem.terrain))
     slopes = _Slopes(body, bodies)
     deepest = dict[tuple[int, str, str], float]()
     times_s, postures = body.spaced()

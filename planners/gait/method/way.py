@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ...answer.report import Report
-from ...answer.trajectory import SAMPLES, Trajectory
+from ...answer.trajectory import SAMPLES, Trajectory, WalkQuestion
 from ...errors import InvalidInput, NoPlace, PlanningFailed
 from ...files.arrays import Array
 from ...problem.guide_path import Footprint, GuidePath, guide_over
@@ -135,14 +135,12 @@ def _joined_walks(task: Walk, walks: Sequence[Trajectory]) -> Trajectory:
         clock += walk.samples - (number > 0)
     whole: dict[str, Any] = {name: np.concatenate(each) for name, each in parts.items()}
     times_s = np.asarray(first.step_s * np.arange(clock), dtype=np.float64)
-    return replace(
-        last,
-        **whole,
-        times_s=times_s,
-        start=first.start,
-        heading_rad=first.heading_rad,
+    asked = last.asked(
+        start=first.problem.start,
+        heading_rad=first.problem.heading_rad,
         heading_end_rad=task.end_yaw_rad,
     )
+    return replace(asked, **whole, times_s=times_s)
 
 
 def plan_walk(
@@ -224,7 +222,8 @@ def plan_walk(
         if way.left:
             memory.keep_pieces(way.outcomes, samples)
     assert walked is not None
-    whole = replace(walked, goal=task.goal, provenance={**walked.provenance, **way.told})
+    told = {**walked.provenance, **way.told}
+    whole = replace(walked.asked(goal=task.goal), provenance=told)
     report: Report[Trajectory] = check_trajectory(whole)
     attempt = replace(
         done[-1],
@@ -319,14 +318,16 @@ def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Traje
         samples: dict[str, Any] = {name: kept.samples[name] for name in SAMPLES}
         walked = Trajectory(
             **samples,
-            robot=task.robot,
-            terrain=task.terrain,
-            friction=task.friction,
-            adhesive=np.array(task.adhesive),
-            start=task.start,
-            goal=place,
-            heading_rad=task.start_yaw_rad,
-            still=(True, True),
+            problem=WalkQuestion(
+                robot=task.robot,
+                terrain=task.terrain,
+                friction=task.friction,
+                adhesive=np.array(task.adhesive),
+                start=task.start,
+                goal=place,
+                heading_rad=task.start_yaw_rad,
+                still=(True, True),
+            ),
         )
         if check_trajectory(walked).accepted:
             LOG.info("walk: goes on after %d pieces", way.outcomes.count(DONE))

@@ -15,7 +15,7 @@ import pytest
 
 import stancekit
 from stancekit.planners.answer.motion import seal
-from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, robot_from_json
+from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, WalkQuestion, robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import (
     read_motion,
@@ -24,6 +24,7 @@ from stancekit.planners.formats.motion_file import (
 from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
+from tests.forgeries.walks import changed
 from tests.refusals import assert_names, refuses
 
 
@@ -41,12 +42,14 @@ def still(count=41) -> Trajectory:
         ),
         forces_n=np.tile([0.0, 0.0, robot.mass_kg * 9.81 / 6.0], (count, 6, 1)),
         contact=np.ones((count, 6), dtype=bool),
-        robot=robot,
-        terrain=terrain,
-        friction=0.75,
-        adhesive=np.zeros(6, dtype=bool),
-        start=[0.1, 0.2],
-        goal=[0.1, 0.2],
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=terrain,
+            friction=0.75,
+            adhesive=np.zeros(6, dtype=bool),
+            start=[0.1, 0.2],
+            goal=[0.1, 0.2],
+        ),
         provenance={"chart": "by hand", "seed": 3},
     )
 
@@ -89,7 +92,8 @@ def test_the_digest_hangs_on_every_field():
     base = still()
     grown = HeightField.from_function(lambda x, y: 1e-9 * x, 1.0, 0.25, name="level")
     changes = [
-        {name: _nudged(getattr(base, name))} for name in (*SAMPLES, "start", "goal", "adhesive")
+        {name: _nudged((vars(base) | vars(base.problem))[name])}
+        for name in (*SAMPLES, "start", "goal", "adhesive")
     ]
     changes += [
         {"terrain": grown},
@@ -97,7 +101,7 @@ def test_the_digest_hangs_on_every_field():
         {"provenance": {"chart": "by hand", "seed": 4}},
     ]
     changes += [{"robot": replace(base.robot, mass_kg=10.000001)}]
-    digests = {replace(base, **change).digest for change in changes}
+    digests = {changed(base, **change).digest for change in changes}
     assert still().digest == base.digest
     assert len(digests | {base.digest}) == len(changes) + 1
 
@@ -134,7 +138,7 @@ def test_a_file_gives_back_what_was_written(written):
     for name in SAMPLES:
         assert np.array_equal(getattr(walk, name), getattr(base, name))
     assert walk.provenance == base.provenance
-    assert walk.terrain.name == "level"
+    assert walk.problem.terrain.name == "level"
     assert os.listdir(written.parent) == ["walk.json"]
 
 

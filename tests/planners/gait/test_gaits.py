@@ -132,8 +132,8 @@ def test_the_command_line_takes_both_by_file_and_name(
     assert answer["attempts"][0]["chart"] == "mine.py:Lifted"
     report = check_file("walk.json").report
     assert report.accepted
-    assert report.answer.terrain.name == "ground.py:bump"
-    assert float(report.answer.terrain.height(np.zeros(2))) == pytest.approx(0.08, abs=1e-6)
+    assert report.answer.problem.terrain.name == "ground.py:bump"
+    assert float(report.answer.problem.terrain.height(np.zeros(2))) == pytest.approx(0.08, abs=1e-6)
 
 
 def test_a_height_field_in_a_file_is_taken_as_it_is(files: Path) -> None:

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.path import clear_swing
@@ -270,12 +270,14 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
         feet_m=np.broadcast_to(ground, (41, 4, 3)),
         forces_n=np.zeros((41, 4, 3)),
         contact=np.ones((41, 4), dtype=bool),
-        robot=robot,
-        terrain=terrain,
-        friction=0.7,
-        adhesive=np.zeros(4, dtype=bool),
-        start=np.zeros(2),
-        goal=np.zeros(2),
+        problem=WalkQuestion(
+            robot=robot,
+            terrain=terrain,
+            friction=0.7,
+            adhesive=np.zeros(4, dtype=bool),
+            start=np.zeros(2),
+            goal=np.zeros(2),
+        ),
     )
 
 
@@ -313,4 +315,4 @@ def test_feet_out_of_reach_are_told() -> None:
 def test_a_robot_of_boxes_has_no_joints() -> None:
     walk = leaning()
     with refuses("robot"):
-        walk_joints(replace(walk, robot=replace(walk.robot, model=None)))
+        walk_joints(walk.asked(robot=replace(walk.robot, model=None)))

@@ -60,8 +60,7 @@ def test_a_file_reads_back_and_shows_where_it_was_changed(climb: Plan, tmp_path:
     back = stancekit.load(path, Crossing)
     assert (back.name, back.refusal, len(back.parts)) == ("stairs", "no way", 1)
     np.testing.assert_array_equal(back.parts[0].com_m, climb.com_m)
-    check = stancekit.verify(path)
-    assert check.accepted
+    assert stancekit.verify(path).accepted
     data = json.loads(path.read_text())
     data["question"]["refusal"] = "none"
     path.write_text(json.dumps(data))

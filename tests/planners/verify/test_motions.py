@@ -14,8 +14,8 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 
 import stancekit
-from stancekit.planners.answer.plan import MotionTable
 from stancekit.planners.answer.report import Report
+from stancekit.planners.motion.motion import MotionTable, shapes
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.terrain.patch import Patch
@@ -50,7 +50,7 @@ def test_an_exported_walk_holds_in_every_group(moved: Moved) -> None:
 
 
 def test_joints_alone_say_little_and_that_is_said(moved: Moved) -> None:
-    report = judged(replace(moved.table, origin_m=None, quaternion=None), moved)
+    report = judged(moved.table.with_columns(origin_m=None, quaternion=None), moved)
     assert report.checked == ("joints", "joint_speed", "torque", "rates", "com_velocity")
     assert_names(report.group("balance").message, "body")
 
@@ -58,10 +58,9 @@ def test_joints_alone_say_little_and_that_is_said(moved: Moved) -> None:
 def test_joints_in_another_order_are_the_same_motion(moved: Moved) -> None:
     table = moved.table
     turned = {
-        name: None if getattr(table, name) is None else getattr(table, name)[:, ::-1]
-        for name in ("angles_rad", "rates_rad_s", "torques_nm")
+        name: table.columns[name][:, ::-1] for name in ("angles_rad", "rates_rad_s", "torques_nm")
     }
-    report = judged(replace(table, joints=table.joints[::-1], **turned), moved)
+    report = judged(replace(table.with_columns(**turned), joints=table.joints[::-1]), moved)
     assert [group.value for group in report.groups] == [
         group.value for group in judged(table, moved).groups
     ]
@@ -72,7 +71,7 @@ def test_a_joint_beyond_its_limit_is_named(moved: Moved) -> None:
     angles, _ = arrays(moved.table)
     joint = int(np.argmax(np.isfinite(Kinematics(moved.robot).highest_rad)))
     angles[100:120, joint] = Kinematics(moved.robot).upper_rad[joint] + 0.05
-    group = judged(replace(moved.table, angles_rad=angles), moved).group("joints")
+    group = judged(moved.table.with_columns(angles_rad=angles), moved).group("joints")
     assert (group.verdict, group.where) == ("violated", moved.table.joints[joint])
     assert group.value == pytest.approx(0.05)
 
@@ -86,14 +85,17 @@ def test_a_body_beside_its_feet_tips_over(moved: Moved) -> None:
         angles[row] = kinematics.reach(
             (feet - origin[row]) @ turn, angles[max(0, row - 1)], angles[row], limits=False
         )[0]
-    report = judged(replace(moved.table, angles_rad=angles, origin_m=origin, forces_n=None), moved)
+    report = judged(
+        moved.table.with_columns(angles_rad=angles, origin_m=origin, forces_n=None), moved
+    )
     assert "balance" in [group.name for group in report.refused]
 
 
 def test_a_body_that_is_too_low_has_its_feet_in_the_ground(moved: Moved) -> None:
     _, origin = arrays(moved.table)
     report = judged(
-        replace(moved.table, origin_m=origin - [0.0, 0.0, 0.02], contact=None, forces_n=None), moved
+        moved.table.with_columns(origin_m=origin - [0.0, 0.0, 0.02], contact=None, forces_n=None),
+        moved,
     )
     assert report.group("penetration").value == pytest.approx(0.02, abs=2e-3)
     assert report.group("penetration").verdict == "violated"
@@ -102,13 +104,13 @@ def test_a_body_that_is_too_low_has_its_feet_in_the_ground(moved: Moved) -> None
 def test_a_body_that_slides_while_its_feet_stand_slips(moved: Moved) -> None:
     _, origin = arrays(moved.table)
     origin[:, 0] += 0.03 * np.linspace(0.0, 1.0, len(origin))
-    group = judged(replace(moved.table, origin_m=origin), moved).group("slip")
+    group = judged(moved.table.with_columns(origin_m=origin), moved).group("slip")
     assert 5e-3 < group.value < 0.03
     taps = moved.table.arrays()["contact"] & (
         np.add.outer(np.arange(len(origin)), range(4)) % 2 > 0
     )
-    tapping = replace(
-        moved.table, origin_m=origin, contact=taps
+    tapping = moved.table.with_columns(
+        origin_m=origin, contact=taps
     )  # a foot that does not lift stands
     assert judged(tapping, moved).group("slip").verdict == "violated"
 
@@ -127,10 +129,12 @@ def test_feet_that_are_taken_for_points_stand_though_their_balls_would_scrub(mov
     for row, turn in enumerate(moved.table.rotation):
         near = kinematics.reach((feet[row] - origin[row]) @ turn, near, near, limits=False)[0]
         angles[row] = near
-    table = replace(moved.table, angles_rad=angles, origin_m=origin, contact=None, forces_n=None)
+    table = moved.table.with_columns(
+        angles_rad=angles, origin_m=origin, contact=None, forces_n=None
+    )
     assert judged(table, moved).group("slip").verdict == "holds"
     slid = origin + [0.0, 0.03, 0.0] * np.linspace(0.0, 1.0, len(angles))[:, None]
-    assert judged(replace(table, origin_m=slid), moved).group("slip").value == pytest.approx(
+    assert judged(table.with_columns(origin_m=slid), moved).group("slip").value == pytest.approx(
         0.03, abs=2e-3
     )
 
@@ -190,13 +194,15 @@ def test_feet_that_roll_or_spin_in_place_and_one_that_slides_beside_them(
         feet, near = target, found
         angles.append(found)
     table = MotionTable(
-        time_s=0.01 * np.arange(count),
         joints=moved.table.joints,
         limbs=moved.table.limbs,
-        angles_rad=np.array(angles),
-        origin_m=origin,
-        quaternion=np.tile(known["quaternion"][0], (count, 1)),
-        contact=np.ones((count, len(chains)), dtype=bool),
+        columns={
+            "time_s": 0.01 * np.arange(count),
+            "angles_rad": np.array(angles),
+            "origin_m": origin,
+            "quaternion": np.tile(known["quaternion"][0], (count, 1)),
+            "contact": np.ones((count, len(chains)), dtype=bool),
+        },
     )
     group = judged(table, moved).group("slip")
     if slip_m is None:
@@ -206,10 +212,10 @@ def test_feet_that_roll_or_spin_in_place_and_one_that_slides_beside_them(
 
 
 def test_forces_outside_of_their_cones_and_in_the_air_are_found(moved: Moved) -> None:
-    forces, contact = np.array(moved.table.forces_n), moved.table.contact
+    forces, contact = np.array(moved.table.columns["forces_n"]), moved.table.columns["contact"]
     assert contact is not None
     forces[..., 0] += np.where(contact, 0.9 * forces[..., 2], 5.0)
-    report = judged(replace(moved.table, forces_n=forces), moved)
+    report = judged(moved.table.with_columns(forces_n=forces), moved)
     assert {"cone", "swing_force", "forces"} <= {group.name for group in report.refused}
 
 
@@ -225,8 +231,8 @@ def test_a_foot_in_a_corner_may_press_on_the_floor_though_the_wall_is_nearer(mov
         foot + 0.05 * sides[:, [2, 0, 1]] + [radius - 2e-4, 0.0, 0.0]
     )  # a wall just ahead, 0.2 mm in the foot
     wall = Patch(vertices_m=upright, normal=[-1, 0, 0], shear_reference=[0, 1, 0], friction=0.75)
-    rest = replace(
-        moved.table, **{name: array[:40] for name, array in known.items()}
+    rest = moved.table.with_columns(
+        **{name: array[:40] for name, array in known.items()}
     )  # before the first step
     report = check_motion(rest, moved.robot, [floor, wall])
     assert report.group("penetration").value == pytest.approx(2e-4, abs=5e-5)
@@ -237,13 +243,12 @@ def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_th
     moved: Moved,
 ) -> None:
     angles, origin = arrays(moved.table)
-    still = replace(
-        moved.table, angles_rad=np.tile(angles[0], (len(angles), 1)), contact=None, forces_n=None
+    still = moved.table.with_columns(
+        angles_rad=np.tile(angles[0], (len(angles), 1)), contact=None, forces_n=None
     )
     for speed, stands in ((0.05, True), (0.3, False)):
         moving = origin[0] + np.outer(moved.table.time_s - moved.table.time_s[0], [speed, 0.0, 0.0])
-        table = replace(
-            still,
+        table = still.with_columns(
             origin_m=moving,
             quaternion=np.tile(moved.table.arrays()["quaternion"][0], (len(angles), 1)),
         )
@@ -253,12 +258,12 @@ def test_a_foot_that_skims_over_the_ground_swings_where_the_file_does_not_say_th
 
 
 def spoiled(table: MotionTable, **columns: Callable[[np.ndarray], np.ndarray]) -> MotionTable:
-    return replace(table, **{name: of(getattr(table, name)) for name, of in columns.items()})
+    return table.with_columns(**{name: of(table.columns[name]) for name, of in columns.items()})
 
 
 def digits(count: int) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
     """All columns but the contacts with so many decimals, as files of other programs have them."""
-    names = set(MotionTable.__annotations__) - {"joints", "limbs", "contact", "robot", "source"}
+    names = shapes(0, 0, 0).keys() - {"contact"}
     return {name: lambda array: np.round(array, count) for name in names}
 
 
@@ -318,23 +323,26 @@ def test_what_is_wrong_beyond_the_digits_is_refused(name: str, moved: Moved) -> 
 def test_rows_that_are_lost_or_late_are_no_jitter(moved: Moved) -> None:
     table, rows = moved.table, np.arange(len(moved.table.time_s))
     with refuses("time_s", "row 90"):
-        replace(table, **{name: array[rows != 90] for name, array in table.arrays().items()})
+        table.with_columns(**{name: array[rows != 90] for name, array in table.arrays().items()})
     with refuses("time_s", "row 91"):
-        replace(table, time_s=table.time_s + 2e-3 * (rows > 90))
+        table.with_columns(time_s=table.time_s + 2e-3 * (rows > 90))
     with refuses("time_s"):
         spoiled(table, time_s=stamps(2e-3))
     with refuses("time_s"):  # gaps of 30 and 10 ms, which no digits excuse
-        replace(table, time_s=np.round(0.02 * rows + 0.01 * (rows % 2), 2))
+        table.with_columns(time_s=np.round(0.02 * rows + 0.01 * (rows % 2), 2))
 
 
 def test_other_joints_are_refused_by_name(moved: Moved) -> None:
     with refuses("joints"):
         judged(replace(moved.table, joints=("arm", *moved.table.joints[1:])), moved)
     with refuses():
-        judged(replace(moved.table, angles_rad=None), moved)
+        judged(moved.table.with_columns(angles_rad=None), moved)
     with refuses("motion"):
         judged(
-            replace(moved.table, joints=(), angles_rad=None, rates_rad_s=None, torques_nm=None),
+            replace(
+                moved.table.with_columns(angles_rad=None, rates_rad_s=None, torques_nm=None),
+                joints=(),
+            ),
             moved,
         )
 
@@ -404,9 +412,9 @@ def test_a_column_that_the_others_contradict_is_refused(
     for share, holds in ((1.0, False), (0.1, True)):
         array = np.array(moved.table.arrays()[column])
         array[rows] += share * error * scale
-        group = judged(replace(moved.table, **{column: array}), moved).group(name)
+        group = judged(moved.table.with_columns(**{column: array}), moved).group(name)
         assert (group.verdict == "holds") is holds
-    none = judged(replace(moved.table, **{column: None}), moved)
+    none = judged(moved.table.with_columns(**{column: None}), moved)
     assert name not in [group.name for group in none.groups]
     assert none.accepted
 
@@ -428,7 +436,7 @@ def test_torques_are_worked_out_where_the_file_says_none_or_zeros(moved: Moved) 
         ),
     )
     for torques in (None, np.zeros_like(moved.table.arrays()["torques_nm"])):
-        report = check_motion(replace(moved.table, torques_nm=torques), weak, moved.terrain)
+        report = check_motion(moved.table.with_columns(torques_nm=torques), weak, moved.terrain)
         assert report.group("torque").value > 3.0
         assert not report.accepted
 
@@ -437,7 +445,7 @@ def test_numbers_that_no_motion_has_and_a_turn_that_is_none_are_refused(moved: M
     far = np.array(moved.table.arrays()["origin_m"])
     far[3, 1] = 1e308
     with refuses("origin_m", "row 3"):
-        replace(moved.table, origin_m=far)
+        moved.table.with_columns(origin_m=far)
     flat = np.zeros_like(moved.table.arrays()["quaternion"])
     with refuses("quaternion", "row 0"):
-        judged(replace(moved.table, quaternion=flat), moved)
+        judged(moved.table.with_columns(quaternion=flat), moved)

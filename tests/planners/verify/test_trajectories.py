@@ -16,12 +16,13 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
 from stancekit.planners.verify.trajectories import GROUPS, WalkLimits, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY, TrajectoryMeasurements
+from tests.forgeries import walks
 from tests.refusals import assert_names
 
 G = 9.81
@@ -106,14 +107,16 @@ def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
         feet_m=np.tile(feet, (count, 1, 1)),
         forces_n=np.tile(forces, (count, 1, 1)),
         contact=np.ones((count, 4), dtype=bool),
-        robot=body,
-        terrain=terrain,
-        friction=friction,
-        adhesive=np.zeros(4, dtype=bool),
-        start=torso[:2],
-        goal=torso[:2],
-        heading_rad=0.0,
-        still=(True, True),
+        problem=WalkQuestion(
+            robot=body,
+            terrain=terrain,
+            friction=friction,
+            adhesive=np.zeros(4, dtype=bool),
+            start=torso[:2],
+            goal=torso[:2],
+            heading_rad=0.0,
+            still=(True, True),
+        ),
         provenance={"chart": "by hand", "seconds": 0.5},
     )
 
@@ -148,7 +151,7 @@ def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2
         - 0.5 * G * t**2 * np.array([0.0, 0.0, 1.0])
     )
     count = len(TIMES_S)
-    return replace(
+    return walks.changed(
         standing(),
         robot=body,
         torso_m=torso,
@@ -179,7 +182,7 @@ def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Trajectory:
         balancing(still.feet_m[k] - torso[k], [0.0, 0.0, force[k]], [moment[k], 0.0, 0.0])
         for k in range(len(phase))
     ]
-    return replace(
+    return walks.changed(
         still, torso_m=torso, rotation=rotation, forces_n=np.array(forces), still=(False, False)
     )
 
@@ -205,7 +208,7 @@ def stepping() -> Trajectory:
         forces[k, standing_feet] = carrying(
             feet[k, standing_feet] - torso[k], still.robot.mass_kg * G
         )
-    return replace(
+    return walks.changed(
         still,
         torso_m=torso,
         feet_m=feet,
@@ -254,11 +257,11 @@ def test_a_slope_steeper_than_the_friction_is_refused():
 def test_an_adhesive_foot_has_no_cone():
     steep = standing(0.5, 0.0, friction=0.1)
     assert set(refused(steep)) == {"cone", "traction", "traction_impulse", "traction_way"}
-    stuck = replace(steep, adhesive=np.ones(4, dtype=bool))
+    stuck = steep.asked(adhesive=np.ones(4, dtype=bool))
     assert not refused(stuck)
     assert check_trajectory(stuck).unchecked == ("suction", *WHOLE_BODY)
     assert_names(check_trajectory(stuck).hindrance, "suction")
-    assert "cone" in refused(replace(steep, adhesive=np.array([True, True, True, False])))
+    assert "cone" in refused(steep.asked(adhesive=np.array([True, True, True, False])))
 
 
 @given(slope=st.floats(0.2, 0.5), share=st.floats(0.3, 3.0))
@@ -270,7 +273,7 @@ def test_suction_begins_the_cone_at_its_pull(slope, share):
     force = still.forces_n[0]
     needed = float((np.linalg.norm(np.cross(force, normal), axis=1) / 0.1 - force @ normal).max())
     report = check_trajectory(
-        replace(still, adhesive=np.ones(4, dtype=bool), suction_n=share * needed)
+        still.asked(adhesive=np.ones(4, dtype=bool), suction_n=share * needed)
     )
     assert report.unchecked == WHOLE_BODY  # the robot is but boxes
     assert report.accepted == (0.1 * (1.0 - share) * needed <= 1e-3 * still.robot.weight_n)
@@ -329,7 +332,7 @@ def test_a_free_tumble_keeps_its_angular_momentum_whatever_axis_it_is_about(spin
     tumble = flying(spin=spin)
     assert not refused(tumble)
     assert figures(tumble)["moment_peak"] < 1e-6
-    locked = replace(tumble, robot=robot(inertia=(2.4, 2.0, 1.0)))
+    locked = tumble.asked(robot=robot(inertia=(2.4, 2.0, 1.0)))
     assert figures(locked)["moment_peak"] > 1e-3 or np.count_nonzero(spin) == 1
 
 
@@ -385,7 +388,7 @@ def test_curved_ground_is_met_at_its_true_normal():
         / np.linalg.norm(np.cross(normals, [0.0, 1.0, 0.0]), axis=1, keepdims=True)
     )
     motion = TrajectoryMeasurements(
-        replace(
+        walks.changed(
             still,
             terrain=dome,
             feet_m=np.tile(feet, (101, 1, 1)),
@@ -427,7 +430,7 @@ def lowered(trajectory):
     stone = HeightField.from_function(
         lambda x, y: 0.4 * np.exp(-((x / 0.08) ** 2) - (y / 0.08) ** 2), 3.0, 0.02
     )
-    return replace(trajectory, terrain=stone)
+    return trajectory.asked(terrain=stone)
 
 
 def changed(trajectory, name, value, where):
@@ -447,7 +450,7 @@ def flattened(trajectory, height, ahead=1.0):
 def leaning(trajectory, acceleration):
     """Pushed ahead by nobody on ground without friction [m/s²]."""
     ahead = 0.5 * acceleration * TIMES_S[:, None] ** 2 * [1.0, 0.0, 0.0]
-    return moved(replace(trajectory, friction=0.0), "torso_m", ahead)
+    return moved(trajectory.asked(friction=0.0), "torso_m", ahead)
 
 
 def turning(trajectory, acceleration):
@@ -455,26 +458,26 @@ def turning(trajectory, acceleration):
     turn = Rotation.from_rotvec(
         np.outer(0.5 * acceleration * TIMES_S**2, [0.0, 0.0, 1.0])
     ).as_matrix()
-    return replace(trajectory, friction=0.0, rotation=turn @ trajectory.rotation)
+    return replace(trajectory.asked(friction=0.0), rotation=turn @ trajectory.rotation)
 
 
 FAULTS = {
     "rotation": (standing, stretched, "torso", 0.1),
     "start": (
         standing,
-        lambda t: replace(t, start=t.start + np.array([0.006, 0.0])),
+        lambda t: t.asked(start=t.problem.start + np.array([0.006, 0.0])),
         "torso",
         0.0,
     ),
     "goal": (
         standing,
-        lambda t: replace(t, goal=t.goal + np.array([0.0, -0.006])),
+        lambda t: t.asked(goal=t.problem.goal + np.array([0.0, -0.006])),
         "torso",
         0.5,
     ),
     "domain": (
         standing,
-        lambda t: replace(t, terrain=HeightField.from_function(lambda x, y: 0 * x, 0.3)),
+        lambda t: t.asked(terrain=HeightField.from_function(lambda x, y: 0 * x, 0.3)),
         "LF",
         0.0,
     ),
@@ -563,7 +566,7 @@ FAULTS = {
     ),
     "traction": (
         standing,
-        lambda t: moved(replace(t, friction=0.0), "torso_m", [7.5e-6, 0.0, 0.0], 60),
+        lambda t: moved(t.asked(friction=0.0), "torso_m", [7.5e-6, 0.0, 0.0], 60),
         "torso",
         0.3,
     ),
@@ -573,7 +576,7 @@ FAULTS = {
     "suction": (
         standing,
         lambda t: moved(
-            replace(t, adhesive=np.ones(4, dtype=bool), suction_n=50.0),
+            t.asked(adhesive=np.ones(4, dtype=bool), suction_n=50.0),
             "forces_n",
             [0.0, 0.0, -150.0],
             np.s_[70:75, 2],
@@ -605,7 +608,7 @@ FAULTS = {
         "LF",
         0.2525,
     ),
-    "heading": (standing, lambda t: replace(t, heading_rad=0.02), "torso", 0.0),
+    "heading": (standing, lambda t: t.asked(heading_rad=0.02), "torso", 0.0),
     "rest": (standing, lambda t: moved(t, "torso_m", [1e-4, 0.0, 0.0], 0), "torso", 0.0),
     "rest_acceleration": (
         standing,
@@ -708,7 +711,7 @@ def test_the_verdict_does_not_depend_on_where_north_is(yaw, x, y):
     turn = Rotation.from_euler("z", yaw).as_matrix()
     shift = np.array([x, y, 0.0])
     torso = sway.torso_m @ turn.T + shift
-    elsewhere = replace(
+    elsewhere = walks.changed(
         sway,
         torso_m=torso,
         rotation=turn @ sway.rotation,
@@ -739,7 +742,7 @@ def test_what_is_no_trajectory_is_refused_and_never_raises():
         ("torso_m", still.torso_m[:-1]),
         ("feet_m", still.feet_m[:, :3]),
         ("contact", still.contact[:, 0]),
-        ("adhesive", still.adhesive[:2]),
+        ("adhesive", still.problem.adhesive[:2]),
         ("goal", [0.0, 0.0, 0.0]),
         ("feet_m", still.feet_m + 1e9),
         ("times_s", TIMES_S[:2]),
@@ -750,7 +753,7 @@ def test_what_is_no_trajectory_is_refused_and_never_raises():
         ("friction", np.nan),
     )
     for name, value in faults:
-        report = check_trajectory(replace(still, **{name: value}))
+        report = check_trajectory(walks.changed(still, **{name: value}))
         assert not report.accepted
         assert_names(report.message, name)
         assert len(report.digest) == 64
@@ -765,12 +768,12 @@ def test_what_is_no_trajectory_is_refused_and_never_raises():
     seed=st.integers(0, 2**16),
 )
 def test_no_values_make_it_raise_or_accept(name, value, share, seed):
-    still = standing()
-    array = np.array(getattr(still, name))
+    still, known = standing(), vars(standing()) | vars(standing().problem)
+    array = np.array(known[name])
     hit = np.random.default_rng(seed).random(array.shape) < share
     array[hit] = value
-    report = check_trajectory(replace(still, **{name: array}))
-    assert report.accepted == bool(np.allclose(array, getattr(still, name), rtol=0.0, atol=1e-12))
+    report = check_trajectory(walks.changed(still, **{name: array}))
+    assert report.accepted == bool(np.allclose(array, known[name], rtol=0.0, atol=1e-12))
     json.dumps(report.to_json(), allow_nan=False)
 
 
@@ -783,7 +786,7 @@ def test_scales_follow_the_robot():
     judged the same.
     """
     light, heavy = standing(), standing()
-    heavy = replace(heavy, robot=robot(mass_kg=60.0), forces_n=2.0 * heavy.forces_n)
+    heavy = replace(heavy.asked(robot=robot(mass_kg=60.0)), forces_n=2.0 * heavy.forces_n)
     limit = 1.0 + WalkLimits().impulse_rate + WalkLimits().impulse_s / 0.495
     for factor in (limit - 1e-3, limit + 1e-3):
         verdicts = [
@@ -885,11 +888,11 @@ def test_footing_is_reported_of_places_and_of_what_is_beside_them_and_refuses_no
     for away in (0.01, 0.04):
         x, y = np.linspace(-1.5, 1.5, 1501), np.linspace(-1.5, 1.5, 7)
         heights = np.repeat(np.clip(x - float(foot[0]) - away, 0.0, 0.02)[:, None], len(y), axis=1)
-        beside = replace(standing(), terrain=HeightField(x_m=x, y_m=y, heights_m=heights))
+        beside = walks.changed(standing(), terrain=HeightField(x_m=x, y_m=y, heights_m=heights))
         report = check_trajectory(beside)
         needs[away] = report.figures["footing_friction"]
         assert report.accepted
         assert report.remark.startswith("no sure" if needs[away] > 0.75 else "sure")
     assert [needs[0.01], needs[0.04]] == pytest.approx([1.0, 0.0], abs=0.02)
-    sticks = replace(walk, adhesive=np.ones(4, dtype=bool), suction_n=50.0)
+    sticks = walk.asked(adhesive=np.ones(4, dtype=bool), suction_n=50.0)
     assert check_trajectory(sticks).figures["footing_friction"] == 0.0

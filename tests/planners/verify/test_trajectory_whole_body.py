@@ -167,7 +167,7 @@ def test_there_is_a_fault_for_every_group_of_the_whole_body() -> None:
         "joint_speed": (stepping(swing_s=0.06), "LF_"),
         "torque": (replace(stepping(), forces_n=heavy), "_"),
         "legs_moment": (replace(stepping(), forces_n=thrown), "torso"),
-        "bodies": (replace(stepping(), terrain=raised), "in the ground"),
+        "bodies": (stepping().asked(terrain=raised), "in the ground"),
     }
     assert set(faults) == set(WHOLE_BODY)
     for name, (walk, where) in faults.items():

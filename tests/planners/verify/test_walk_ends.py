@@ -82,9 +82,9 @@ def test_a_walk_ends_with_the_heading_asked_for_and_turns_the_shorter_way(
     assert found.report.figures["turn_rad"] == pytest.approx(turn, abs=0.01)
     asked = walk.question
     assert (asked["heading_rad"], asked["heading_end_rad"]) == pytest.approx((start, end))
-    otherwise = check_trajectory(replace(walk, heading_end_rad=end - 0.1), body=False)
+    otherwise = check_trajectory(walk.asked(heading_end_rad=end - 0.1), body=False)
     assert [group.name for group in otherwise.refused] == ["heading"]
-    assert check_trajectory(replace(walk, heading_end_rad=end + full), body=False).accepted
+    assert check_trajectory(walk.asked(heading_end_rad=end + full), body=False).accepted
     turned = gait_motion(walk, walk.robot.source.foot_radii_m).at(np.linspace(0.0, 3.0, 50))
     ahead = continued(turned.rotation_rad)
     assert ahead[:, 2] - ahead[0, 2] == pytest.approx(

@@ -18,12 +18,13 @@ import pytest
 import yaml
 
 import stancekit
-from stancekit.planners.answer.plan import LeapPlan, MotionTable, Plan
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import yaml_of
 from stancekit.planners.formats.table_file import csv_of, joint_trajectory_bytes, read_table
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
+from stancekit.planners.motion.motion import MotionTable
 from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_file import provider_folder, robot_of
 from stancekit.planners.verify.motions import check_motion
@@ -56,10 +57,10 @@ def moved(walk: Trajectory) -> Moved:
 def test_the_table_is_the_motion_that_runs(plan: Plan) -> None:
     table, motion = moved_of(plan, "csv").table, streamed(plan)
     at = motion.at(table.time_s)
-    assert table.angles_rad is not None
-    np.testing.assert_array_equal(table.angles_rad, at.angles_rad)
-    np.testing.assert_array_equal(table.torques_nm, at.torques_nm)
-    np.testing.assert_array_equal(table.forces_n, at.forces_n)
+    assert "angles_rad" in table.columns
+    np.testing.assert_array_equal(table.columns["angles_rad"], at.angles_rad)
+    np.testing.assert_array_equal(table.columns["torques_nm"], at.torques_nm)
+    np.testing.assert_array_equal(table.columns["forces_n"], at.forces_n)
     assert table.time_s[-1] == pytest.approx(motion.duration_s)
 
 
@@ -67,8 +68,8 @@ def test_the_rate_is_the_one_asked_for_and_samples_of_a_walk_are_its_own(walk: T
     table = moved_of(walk, "csv", 200.0).table
     rows = np.rint((walk.times_s - walk.times_s[0] + WALK_SETTLE_S) * 200.0).astype(int)
     assert table.rate_hz == pytest.approx(200.0)
-    np.testing.assert_allclose(table.com_m[rows], walk.torso_m, atol=1e-9)
-    np.testing.assert_allclose(table.forces_n[rows], walk.forces_n, atol=1e-7)
+    np.testing.assert_allclose(table.columns["com_m"][rows], walk.torso_m, atol=1e-9)
+    np.testing.assert_allclose(table.columns["forces_n"][rows], walk.forces_n, atol=1e-7)
 
 
 @pytest.mark.parametrize("to", ["csv", "npz"])
@@ -110,14 +111,14 @@ def test_a_joint_trajectory_is_one_of_ros(suffix: str, moved: Moved, tmp_path: P
     name = "trajectory_msgs/msg/JointTrajectory"
     back = store.deserialize_cdr(store.serialize_cdr(whole, name), name)
     assert tuple(back.joint_names) == moved.table.joints
-    assert moved.table.angles_rad is not None
+    assert "angles_rad" in moved.table.columns
     np.testing.assert_array_equal(
-        [point.positions for point in back.points], moved.table.angles_rad
+        [point.positions for point in back.points], moved.table.columns["angles_rad"]
     )
     named = replace(moved.table, joints=("1e3", "0x1f", *moved.table.joints[2:]))
     path.write_bytes(joint_trajectory_bytes(named, suffix))
     back, whole = read_table(path), message["points"][0]["positions"]
-    np.testing.assert_array_equal(back.angles_rad, moved.table.angles_rad)
+    np.testing.assert_array_equal(back.columns["angles_rad"], moved.table.columns["angles_rad"])
     assert back.joints == named.joints
     for wrong in ("1.0", None, float("nan"), True):
         message["points"][0]["positions"] = [wrong, *whole[1:]]
@@ -132,8 +133,8 @@ def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: P
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "walk.xml"))
     data, table = mujoco.MjData(model), moved.table
     assert model.nkey == len(table.time_s)
-    assert table.angles_rad is not None
-    assert table.feet_m is not None
+    assert "angles_rad" in table.columns
+    assert "feet_m" in table.columns
     assert moved.robot is not None
     feet = [leg.foot for leg in moved.robot.legs.legs]
     for row in (0, model.nkey // 2, model.nkey - 1):
@@ -141,10 +142,10 @@ def test_mujoco_puts_the_feet_where_the_table_has_them(moved: Moved, tmp_path: P
         mujoco.mj_kinematics(model, data)
         assert data.time == table.time_s[row]
         for k, joint in enumerate(table.joints):
-            assert data.joint(joint).qpos[0] == table.angles_rad[row, k]
+            assert data.joint(joint).qpos[0] == table.columns["angles_rad"][row, k]
         gaps = [
             min(
-                np.linalg.norm(data.geom_xpos[g] - table.feet_m[row, i])
+                np.linalg.norm(data.geom_xpos[g] - table.columns["feet_m"][row, i])
                 for g in range(model.ngeom)
                 if model.geom_bodyid[g] == model.body(name).id
             )
@@ -166,12 +167,14 @@ def test_a_file_for_mujoco_is_right_to_a_hundredth_of_a_millimetre_anywhere(
 ) -> None:
     moved, at = moved_of(plan, "mujoco", 50.0), np.array([5e4 + 0.1234567, -9e5, 7.0])
     there = [replace(patch, vertices_m=patch.vertices_m + at) for patch in moved.terrain]
-    table = replace(moved.table, origin_m=moved.table.origin_m + at)
+    table = moved.table.with_columns(origin_m=moved.table.columns["origin_m"] + at)
     places = []
     for name, each in (("near", moved), ("far", replace(moved, table=table, terrain=there))):
         FORMATS["mujoco"].write(each, tmp_path / f"{name}.xml")
         read = read_keys(tmp_path / f"{name}.xml")
-        np.testing.assert_allclose(read.origin_m, each.table.origin_m, rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(
+            read.columns["origin_m"], each.table.columns["origin_m"], rtol=0.0, atol=1e-9
+        )
         model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml"))
         data = mujoco.MjData(model)
         mujoco.mj_resetDataKeyframe(model, data, 9)
@@ -215,16 +218,20 @@ def test_rosbags_opens_the_log_and_reads_every_message(moved: Moved, tmp_path: P
     assert [ns for ns, _ in seen["/tf"]] == [round(1e9 * each) for each in table.time_s.tolist()]
     joints, contacts = ([each for _, each in seen[t]] for t in ("/joint_states", "/contacts"))
     assert (tuple(joints[0].name), tuple(contacts[0].name)) == (table.joints, table.limbs)
-    np.testing.assert_array_equal([each.position for each in joints], table.angles_rad)
-    np.testing.assert_array_equal([each.effort for each in joints], table.torques_nm)
-    np.testing.assert_array_equal([each.position for each in contacts], table.contact)
+    np.testing.assert_array_equal([each.position for each in joints], table.columns["angles_rad"])
+    np.testing.assert_array_equal([each.effort for each in joints], table.columns["torques_nm"])
+    np.testing.assert_array_equal([each.position for each in contacts], table.columns["contact"])
     body = [each.transforms[0].transform for _, each in seen["/tf"]]
-    np.testing.assert_array_equal([points([each.translation])[0] for each in body], table.origin_m)
-    assert [each.rotation.w for each in body] == table.quaternion[:, 0].tolist()
+    np.testing.assert_array_equal(
+        [points([each.translation])[0] for each in body], table.columns["origin_m"]
+    )
+    assert [each.rotation.w for each in body] == table.columns["quaternion"][:, 0].tolist()
     balls, lines = zip(*[each.markers for _, each in seen["/forces"]], strict=True)
-    np.testing.assert_array_equal([points(each.points) for each in balls], table.feet_m)
+    np.testing.assert_array_equal([points(each.points) for each in balls], table.columns["feet_m"])
     ends = np.array([points(each.points) for each in lines])
-    np.testing.assert_allclose(1e3 * (ends[:, 1::2] - ends[:, ::2]), table.forces_n, atol=1e-9)
+    np.testing.assert_allclose(
+        1e3 * (ends[:, 1::2] - ends[:, ::2]), table.columns["forces_n"], atol=1e-9
+    )
 
 
 def points(messages: Iterable[Any]) -> list[tuple[float, float, float]]:
@@ -232,7 +239,7 @@ def points(messages: Iterable[Any]) -> list[tuple[float, float, float]]:
 
 
 def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Trajectory) -> None:
-    boxes = replace(walk, robot=replace(walk.robot, name="boxes", model=None))
+    boxes = walk.asked(robot=replace(walk.robot, name="boxes", model=None))
     with pytest.raises(InvalidInput):
         walking_robot(boxes.robot)
     moved = moved_of(boxes, "csv")
@@ -274,10 +281,10 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
             stancekit.export(leap, tmp_path / f"none{FORMATS[to].suffixes[0]}", to=to)
     table = read_table(tmp_path / "leap.csv")
     assert (table.joints, table.limbs) == ((), leap.problem.robot.limb_names)
-    air = ~np.asarray(table.contact).any(axis=1)
+    air = ~np.asarray(table.columns["contact"]).any(axis=1)
     assert air.any()
-    assert np.abs(table.forces_n[air]).max() == 0.0
-    falling = np.diff(np.asarray(table.velocity_m_s)[air, 2]) * table.rate_hz
+    assert np.abs(table.columns["forces_n"][air]).max() == 0.0
+    falling = np.diff(np.asarray(table.columns["velocity_m_s"])[air, 2]) * table.rate_hz
     assert np.median(falling) == pytest.approx(-9.81, abs=0.05)
     pushed = replace(leap, forces_n=1.2 * leap.forces_n)
     with refuses("LeapPlan"):
@@ -290,8 +297,8 @@ def test_a_leap_of_a_robot_with_legs_leaves_with_its_joints(tmp_path: Path) -> N
     assert done.without == ""
     table = read_table(tmp_path / "leap.csv")
     assert len(table.joints) == 12
-    assert np.isfinite(table.angles_rad).all()
-    assert np.ptp(table.angles_rad, axis=0).max() > 0.3
+    assert np.isfinite(table.columns["angles_rad"]).all()
+    assert np.ptp(table.columns["angles_rad"], axis=0).max() > 0.3
 
 
 def test_torques_that_leave_turn_joints_against_their_damping_and_friction(tmp_path: Path) -> None:
@@ -306,8 +313,10 @@ def test_torques_that_leave_turn_joints_against_their_damping_and_friction(tmp_p
         moved = moved_of(walk, "npz", 100.0)
         tables.append(moved.table)
     free, stiffer = tables
-    against = free.rates_rad_s + 2.0 * np.tanh(free.rates_rad_s / 0.1)
-    np.testing.assert_allclose(stiffer.torques_nm - free.torques_nm, against, atol=1e-9)
+    against = free.columns["rates_rad_s"] + 2.0 * np.tanh(free.columns["rates_rad_s"] / 0.1)
+    np.testing.assert_allclose(
+        stiffer.columns["torques_nm"] - free.columns["torques_nm"], against, atol=1e-9
+    )
     assert np.abs(against).max() > 3.0
     groups = check_motion(stiffer, robot, moved.terrain)
     assert groups.group("effort").worst < 0.1
@@ -352,9 +361,9 @@ def test_a_walk_is_followed_in_plain_mujoco(robot: str, tmp_path: Path) -> None:
 
 
 def test_a_motion_that_falls_open_loop_says_when_at_both_paces(moved: Moved) -> None:
-    folded = np.array(moved.table.angles_rad)
+    folded = np.array(moved.table.columns["angles_rad"])
     folded[len(folded) // 2 :, : folded.shape[1] // 2] += 0.8
-    fell = played(replace(moved, table=replace(moved.table, angles_rad=folded)))
+    fell = played(replace(moved, table=moved.table.with_columns(angles_rad=folded)))
     assert [part[:10] for part in fell.split("; ")] == ["fell after"] * 2
     assert "pace 0.5, with Kp " in fell
 
@@ -365,8 +374,8 @@ def test_numbers_for_crocoddyl_are_the_motion_s_and_a_script_that_is_there_is_le
     path = tmp_path / "walk.npz"
     FORMATS["crocoddyl"].write(moved, path)
     held, script = np.load(path), tmp_path / "walk.py"
-    np.testing.assert_array_equal(held["angles_rad"], moved.table.angles_rad)
-    np.testing.assert_array_equal(held["contact"], moved.table.contact)
+    np.testing.assert_array_equal(held["angles_rad"], moved.table.columns["angles_rad"])
+    np.testing.assert_array_equal(held["contact"], moved.table.columns["contact"])
     pressed = np.einsum("tni,tni->tn", held["forces_n"], held["normals"])
     assert (pressed[held["contact"]] >= 0.0).all()
     assert held["friction"][held["contact"]].min() > 0.3

@@ -193,7 +193,7 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for("document.querySelector('#saved') !== null")
     trajectory = read_motion(tmp_path / "played-walk.json")[0]
     assert check_trajectory(trajectory).accepted
-    assert trajectory.goal == pytest.approx(page.playground.session.scenario.goal_m)
+    assert trajectory.problem.goal == pytest.approx(page.playground.session.scenario.goal_m)
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():

@@ -82,7 +82,7 @@ def test_heights_are_solved_one_after_another_each_from_the_last_point():
     found = bench.run(Attempt(chart="ambient", heights=(0.5, 1.0)))
     assert np.array_equal(found.solution.x, whole.x)
     assert found.iterations == half.iterations + whole.iterations
-    assert found.trajectory.terrain is BUMPS
+    assert found.trajectory.problem.terrain is BUMPS
 
 
 def test_progress_hears_of_every_iteration_and_may_end_it(bench, found):

@@ -241,7 +241,7 @@ def test_a_gentler_terrain_that_is_walked_is_no_answer():
     assert not one.solution.success
     assert not one.report.accepted
     assert (plan.answer.status, plan.answer.solution) == (Status.UNDECIDED, None)
-    assert one.trajectory.terrain is asked.terrain
+    assert one.trajectory.problem.terrain is asked.terrain
     assert one.solution.violation > 0.1
 
 
@@ -315,7 +315,7 @@ def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_pa
     assert check_trajectory(trajectory).accepted
     assert trajectory.provenance["pieces"] == 2.0
     np.testing.assert_allclose(trajectory.torso_m[0, :2], 0.0, atol=1e-6)
-    np.testing.assert_allclose(trajectory.goal, (1.0, 0.0))
+    np.testing.assert_allclose(trajectory.problem.goal, (1.0, 0.0))
     assert {phase.split(",")[0] for phase in told} == {"piece 1 of 2", "piece 2 of 2"}
 
     def stop(attempt, iteration, violation, cost, phase):

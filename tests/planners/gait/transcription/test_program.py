@@ -316,7 +316,7 @@ def test_a_terrain_of_no_height_is_level_ground(small: Build) -> None:
     assert flattened.success
     at = flattened.samples(np.linspace(0.0, 2.0, 41))
     assert np.abs(at.feet_m[..., 2][at.contact]).max() < 1e-4
-    assert np.ptp(flattened.trajectory().terrain.heights_m) == 0.0
+    assert np.ptp(flattened.trajectory().problem.terrain.heights_m) == 0.0
 
 
 def test_two_processes_take_identical_iterates_whatever_memory_held_before() -> None:
