@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1438, 16902),
-    "cli": (3440, 39850),
+    "api": (1372, 16821),
+    "cli": (3343, 39643),
     "configs": (3, 30),
     "envs": (3135, 42947),
-    "learners": (5256, 78204),
-    "planners": (35529, 582909),
-    "runner": (6758, 91765),
-    "views": (4384, 69884),
+    "learners": (5256, 78209),
+    "planners": (35541, 583069),
+    "runner": (6656, 91149),
+    "views": (4280, 69449),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
