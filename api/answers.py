@@ -9,20 +9,23 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 
-from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.data.leap_tries import LeapTries
-from stancekit.learners.data.labelling import RecheckReport
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.certificate import Certificate
+from stancekit import (
+    Answer,
+    Certificate,
+    Dataset,
+    FileCheck,
+    InvalidInput,
+    Leap,
+    LeapTries,
+    Plan,
+    Problem,
+    RecheckReport,
+    Report,
+    Status,
+)
 from stancekit.planners.answer.motion import Evidence
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import Report
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked as checked_number
-from stancekit.planners.formats.motion_file import FileCheck
-from stancekit.planners.problem import Problem
-from stancekit.planners.problem.leap import Leap
 from stancekit.planners.verify import Explanation, explain as explain_proof
 from stancekit.planners.verify.judge import TOLERANCE, judge
 from stancekit.planners.verify.margins import stances_of

@@ -11,26 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stancekit import Certificate, InvalidInput, Plan, Problem, Robot
 from stancekit.planners.answer.answer import UNBOUNDED
-from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import or_null
-from stancekit.planners.errors import InvalidInput, located
+from stancekit.planners.errors import located
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json, shown
-from stancekit.planners.problem import Problem
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.judge import TOLERANCE
 
 if TYPE_CHECKING:
-    from stancekit.envs.data.dataset import Dataset
-    from stancekit.envs.data.leap_tries import LeapTries
-    from stancekit.learners.data.labelling import RecheckReport
-    from stancekit.planners.formats.motion_file import FileCheck
-    from stancekit.planners.terrain.patch import Patch
+    from stancekit import Dataset, FileCheck, LeapTries, Patch, RecheckReport
 
 _LIMIT_S = 60.0
 """A contact sequence is completed, or its fault found, by then [s]."""

@@ -9,9 +9,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from stancekit.planners.answer.answer import Answer, Effort, Status
-from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit import (
+    Answer,
+    Crossing,
+    Effort,
+    Footholds,
+    LeapPlan,
+    Plan,
+    Problem,
+    Robot,
+    StandingMap,
+    Status,
+)
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
@@ -19,18 +28,14 @@ from stancekit.planners.files.arrays import Array, checked as checked_number
 from stancekit.planners.files.documents import shown
 from stancekit.planners.formats.motion_file import PartialPlan
 from stancekit.planners.leap.finder import LeapFinder, find_leap
-from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.contact import wrench_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap, is_leap_file
-from stancekit.planners.problem.standing_map import StandingMap
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Method, Planner, PlanSettings
 from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import LayOut, firmest, plan_course
-from stancekit.planners.terrain.footholds import Footholds
 from stancekit.planners.terrain.import_options import SUFFIXES
 from stancekit.planners.verify.margins import with_margins
 

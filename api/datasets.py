@@ -7,9 +7,8 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit import Dataset, LeapTries, Robot
 from stancekit.envs.data.label_plan import USUAL_TRIES
-from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.envs.data.ledger import LabelPlan, TryPlan
 from stancekit.envs.distributions.postures import distribution_of
 from stancekit.learners.data import labelling, leap_tries
@@ -20,7 +19,6 @@ from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.documents import shown
 from stancekit.planners.problem.leap import is_leap_class as is_leap_class
 from stancekit.planners.problem.posture_batch import Sampler
-from stancekit.planners.robot.model import Robot
 
 if TYPE_CHECKING:
     from stancekit.learners.surrogates.surrogate import Surrogate

@@ -8,16 +8,19 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from stancekit.envs.data.dataset import Dataset
+from stancekit import (
+    Crossing,
+    Dataset,
+    Exported,
+    InvalidInput,
+    LeapPlan,
+    Plan,
+    Trajectory,
+)
 from stancekit.envs.data.ledger import folder_of
-from stancekit.learners.data.export import Exported
 from stancekit.learners.data.labelling import rows_of
-from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import LeapPlan, Plan
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_text, shown
 from stancekit.planners.files.writing import alone_in, check_writable, make_folder, write_text

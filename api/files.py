@@ -7,13 +7,18 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
+from stancekit import (
+    Answer,
+    Certificate,
+    EnvelopeSet,
+    InvalidInput,
+    Modes,
+    Plan,
+    Problem,
+)
 from stancekit.learners.leaps.kinds import FORMAT, SCORER, Scores
-from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import came, checked
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml, shown
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import read_evidence, write_certificate, write_motion
@@ -24,11 +29,8 @@ from stancekit.planners.formats.question_file import (
     read_problems,
     write_boxes,
 )
-from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.leap import Leap, is_leap
-from stancekit.planners.relaxation.boxes import Modes
-from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.families import drawn_name
 from stancekit.planners.verify.judge import judge

@@ -7,15 +7,21 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stancekit.planners.answer.certificate import Crossing
+from stancekit import (
+    Crossing,
+    InvalidInput,
+    LeapPlan,
+    Plan,
+    Problem,
+    RunReport,
+    RunSettings,
+    Trajectory,
+)
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import LeapPlan, Plan
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput, located
+from stancekit.planners.errors import located
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.motion.plan_motion import Timing
-from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.verify.geometry import LEAST_PUSH
@@ -23,9 +29,7 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
 from stancekit.runner.control.envelope_choice import Policy
 from stancekit.runner.log import Log, McapLog
-from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
-from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.settings import EstopCheck, WorldSettings
 from stancekit.runner.worlds.world import WORLDS as WORLDS, JointBus
 

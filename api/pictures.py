@@ -8,25 +8,35 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.certificate import Certificate, Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import (
+    Answer,
+    Certificate,
+    Crossing,
+    Envelope,
+    InvalidInput,
+    LeapPlan,
+    Plan,
+    Problem,
+    Trajectory,
+)
 from stancekit.planners.arguments import came, checked
-from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem import Problem
 from stancekit.planners.problem.passage import Passage
-from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.runner.execution import Execution
+from stancekit.runner.report import Execution
+from stancekit.views.film import Frame
 from stancekit.views.gaits import GaitView, draw_motion
-from stancekit.views.leaps import LeapView, draw_leap
-from stancekit.views.page import View
-from stancekit.views.plans import PlanView, draw_asked, draw_execution, draw_plan
+from stancekit.views.plans import (
+    LeapView,
+    PlanView,
+    View,
+    draw_asked,
+    draw_execution,
+    draw_leap,
+    draw_plan,
+)
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
-from stancekit.views.video import Frame
 
 
 @checked
@@ -171,9 +181,8 @@ def film(
         >>> import stancekit
         >>> stancekit.film(stancekit.plan("walls", frames=2).solution, "plan.mp4")  # doctest: +SKIP
     """
-    from stancekit.views.film import check_film
+    from stancekit.views.film import check_film, write_video
     from stancekit.views.page import PAGES, check_page, write_page
-    from stancekit.views.video import write_video
 
     if isinstance(motion, Plan) and motion.problem.is_posture:
         raise InvalidInput(

@@ -5,16 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from stancekit.planners.answer.answer import Answer
+from stancekit import Answer, InvalidInput, Problem, Robot
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.question_file import (
     read_envelopes as read_envelopes,
     read_problems as read_problems,
 )
-from stancekit.planners.problem import Problem
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import robot_of
 from stancekit.planners.search.answer import Kind, Method, Planner, kind_of
 from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stancekit import InvalidInput, Problem, Robot
 from stancekit.planners.arguments import checked
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
-from stancekit.planners.problem import Problem
 from stancekit.planners.problem.posture_batch import Sampler
-from stancekit.planners.robot.model import Robot
 
 if TYPE_CHECKING:
     from stancekit.envs.distributions.postures import Distribution

@@ -7,6 +7,7 @@ from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
+from stancekit import EnvelopeSet, HeightField, Modes, Screened
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.leap_tries import LeapTries, open_rows
 from stancekit.learners.data.executors import Executor, executor as executor, processes
@@ -20,7 +21,6 @@ from stancekit.learners.evaluation.evaluate import (
 )
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned, load_selector
-from stancekit.learners.surrogates.calibration import Screened
 from stancekit.learners.training.fitting import SPREAD as SPREAD, FitSettings, learn, missing
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput, located, not_installed
@@ -28,9 +28,6 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import read_yaml, typed
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.projection.project import PROJECTIONS, Projection
-from stancekit.planners.relaxation.boxes import Modes
-from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.warp.conformal import CELLS, HEIGHT_M, MapFit, Method, fit_map
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from stancekit import HeightField, Robot
 from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.problem.terrain_spec import footholds_for
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES, Terrain
 from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds
-from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import (
     named_ground,

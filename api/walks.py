@@ -8,8 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import Answer, HeightField, Robot, Status, Trajectory
 from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, interruptible
 from stancekit.planners.files.arrays import Array, checked as checked_number, checked_int
@@ -20,9 +19,7 @@ from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk as Walk
-from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.families import Terrain
-from stancekit.planners.terrain.heightfield import HeightField
 
 _OF_WALK = (
     "start_yaw_rad",

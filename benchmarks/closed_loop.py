@@ -54,8 +54,8 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
-from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.run import Runner
+from stancekit.runner.settings import LoopSettings
 from stancekit.runner.worlds.world import JointBus, make_world
 from tests.emulators.slipping import SlippingWorld
 

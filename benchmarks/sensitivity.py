@@ -41,10 +41,9 @@ from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.foot_placement import ContactFeedback
-from stancekit.runner.execution import Tolerance
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
-from stancekit.runner.settings import RunSettings
+from stancekit.runner.settings import RunSettings, Tolerance
 from stancekit.runner.worlds.drives import Imperfections
 from stancekit.runner.worlds.world import make_world
 

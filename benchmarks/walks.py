@@ -40,9 +40,9 @@ from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.walker import walker_of
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.execution import Execution, Tolerance
+from stancekit.runner.report import Execution
 from stancekit.runner.run import Runner
-from stancekit.runner.settings import RunSettings
+from stancekit.runner.settings import RunSettings, Tolerance
 from stancekit.runner.worlds.world import make_world
 
 HEADING_RAD, HEIGHTS, FRICTION, SLIP_M = 0.64, 3.6, 0.6, 0.01

@@ -7,7 +7,7 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TextIO
@@ -172,6 +172,21 @@ def grid(
     for row in rows:
         table.add_row(*row)
     return table
+
+
+def results(
+    sides: Mapping[str, str], rows: Iterable[Iterable[Any]], *, folds: Sequence[str]
+) -> Table:
+    """A table of results, with columns by the side that they are set to.
+
+    Arguments:
+        folds: columns whose words may be broken.
+    """
+    how = {
+        name: {"justify": side, "overflow": "fold", "no_wrap": name not in folds}
+        for name, side in sides.items()
+    }
+    return grid(how, rows, box=None, header_style="bold")
 
 
 def facts(

@@ -16,12 +16,11 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
-from .options import PROJECTION, ROBOT, TERRAIN, OptionalPath, OptionalText, named
+from .options import PROJECTION, ROBOT, TERRAIN, OptionalPath, OptionalText, check_drawn, named
 
 if TYPE_CHECKING:
+    from stancekit import EnvelopeSet, Learned
     from stancekit.learners.evaluation.evaluate import Score, Share
-    from stancekit.learners.selectors.selector import Learned
-    from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 _LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
@@ -85,10 +84,7 @@ class Evaluate:
             selector_for,
         )
 
-        if self.picture is not None:
-            from stancekit.views.sheet import check_picture
-
-            check_picture(self.picture)
+        check_drawn(self.picture)
         if not self.projection:
             raise InvalidInput("--projection: expected one or more projections, got none")
         for name in self.projection:

@@ -12,8 +12,7 @@ from .console import as_options, emit, out, progress, tell
 from .options import OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.exports import ExportedMotions
-    from stancekit.learners.data.export import Exported
+    from stancekit import Exported, ExportedMotions
 
 
 @dataclass
@@ -62,7 +61,7 @@ class Export:
 
     def run(self) -> int:
         """Export, and say what was written."""
-        from stancekit.exports import ExportedMotions, export
+        from stancekit import ExportedMotions, export
 
         with as_options("to", "out", "rate_hz", "count", "room"), progress("export") as bar:
             done = export(

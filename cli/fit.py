@@ -11,12 +11,11 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress, tell
-from .options import ROBOT, TERRAIN, OptionalPath, OptionalText, named
+from .options import ROBOT, TERRAIN, OptionalPath, OptionalText, check_out, named
 
 if TYPE_CHECKING:
-    from stancekit.envs.data.dataset import Dataset
+    from stancekit import Dataset, EnvelopeSet
     from stancekit.learners.data.executors import Executor
-    from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 _LEAP_SCORES = ("additive", "set")
 """Methods that learn from tries of leaps."""
@@ -97,10 +96,9 @@ class Fit:
     def run(self) -> int:
         """Fit and write."""
         from stancekit import Modes
-        from stancekit.planners.files.writing import check_writable
         from stancekit.selectors import fit, rows_of
 
-        check_writable(self.out)
+        check_out(self.out)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
         if self.method in _LEAP_SCORES:
@@ -120,7 +118,7 @@ class Fit:
                 **settings,
             )
         if isinstance(learned, Modes):
-            from stancekit.files import save
+            from stancekit import save
 
             save(learned, self.out)
             return self._said(learned.boxes.problem_class, "modes", learned.boxes)
@@ -133,8 +131,8 @@ class Fit:
 
     def _scores(self) -> int:
         """Fit the scores of leaps' candidates and write them."""
+        from stancekit import fit
         from stancekit.planners.files.documents import read_yaml
-        from stancekit.selectors import fit
 
         if len(self.dataset) > 1:
             raise InvalidInput(
@@ -158,8 +156,8 @@ class Fit:
 
     def _surrogate(self, rows: list[Dataset]) -> int:
         """Fit a surrogate of feasibility and write it."""
+        from stancekit import fit
         from stancekit.planners.files.documents import read_yaml
-        from stancekit.selectors import fit
 
         settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
         with progress(f"fit {self.method}") as bar:

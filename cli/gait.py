@@ -28,12 +28,12 @@ from .options import (
 from .pictures import show
 
 if TYPE_CHECKING:
+    from stancekit import Walk
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
     from stancekit.planners.gait.method.budget import Checkpoint
     from stancekit.planners.gait.method.portfolio import Attempts, Caps
     from stancekit.planners.gait.walk_table import GaitSettings
-    from stancekit.planners.problem.walk import Walk
 
 
 _PHASES = ("feasible", "smooth", "densify")
@@ -380,11 +380,7 @@ class PlanGait:
             raise InvalidInput(
                 f"{twice[0]}: expected a file of its own for each picture, got it twice"
             )
-        if self.picture is not None:
-            from stancekit.views.sheet import check_picture  # slow to import
-
-            check_picture(self.picture)
-        check_drawn(video=self.video, html=self.html)
+        check_drawn(self.picture, self.video, self.html)
         if self.chart != "portfolio":
             with as_options():
                 CHARTS.get(self.chart)

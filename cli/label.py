@@ -129,7 +129,9 @@ class LabelPostures:
                 if (setting := getattr(self, name)) is not None and setting is not False:
                     of = f"leaps of {self.problem}" if leaps else "postures"
                     raise InvalidInput(f"--{name}: expected none with {of}, got {setting}")
-            workers = self._usual_workers(leaps) if self.workers is None else self.workers
+            few = not leaps and sum(self._rows()) <= _FEW
+            usual = 1 if few else max(os.cpu_count() or 1, 1)
+            workers = usual if self.workers is None else self.workers
             where = executor(self.executor, workers=workers, address=self.address)
             with progress(f"label {self.problem}, rows written") as bar:
                 record, remarks = self._leaps(where, bar) if leaps else self._postures(where, bar)
@@ -143,11 +145,6 @@ class LabelPostures:
             out.print(f"  {name:15} {_plain(value)}")
         return 0
 
-    def _usual_workers(self, leaps: bool) -> int:
-        """The default number of processes."""
-        few = not leaps and sum(self._rows()) <= _FEW
-        return 1 if few else max(os.cpu_count() or 1, 1)
-
     def _rows(self) -> tuple[int, int]:
         """Feasible and infeasible rows, of postures."""
         feasible, infeasible = (500 if n is None else n for n in (self.feasible, self.infeasible))
@@ -155,7 +152,7 @@ class LabelPostures:
 
     def _postures(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
         """The summary of labelled postures, and what their labels speak of."""
-        from stancekit.datasets import label
+        from stancekit import label
 
         dataset = label(
             self.problem,
@@ -188,7 +185,7 @@ class LabelPostures:
 
     def _leaps(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
         """The summary of labelled tries, and what their labels mean."""
-        from stancekit.datasets import label
+        from stancekit import label
 
         tries = label(
             self.problem,

@@ -8,24 +8,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from stancekit.planners.errors import InvalidInput
-
 from .console import as_options, emit, facts, out, progress, say_written
 from .options import (
-    LONGEST_S,
     OF_FILE,
     FileMeaning,
     FootholdOptions,
     OptionalPath,
     OptionalText,
     check_drawn,
+    check_limit,
+    check_out,
     in_options,
 )
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit.planners.problem.standing_map import StandingMap
+    from stancekit import StandingMap
 
 
 @dataclass
@@ -87,21 +86,11 @@ class MapTerrain:
 
     def run(self) -> int:
         """Make the map, write and say it."""
-        from stancekit.planners.files.writing import check_writable
         from stancekit.standing import map as map_terrain
 
         check_drawn(picture=self.picture)
-        if self.out is not None:
-            if self.out.suffix not in (".npz", ".json"):
-                raise InvalidInput(
-                    f"--out: expected a name that ends in .npz or .json, got {self.out}"
-                )
-            check_writable(self.out)
-        if not 0.0 < self.time_limit_s <= LONGEST_S:
-            raise InvalidInput(
-                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got "
-                f"{self.time_limit_s:g}"
-            )
+        check_out(self.out, ".npz", ".json")
+        check_limit(self.time_limit_s)
         checkpoint = self.out if self.out is not None and self.out.suffix == ".npz" else None
         names = (
             "spacing_m",

@@ -37,10 +37,9 @@ from tyro.constructors import (
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from stancekit import FootholdLimits, HeightField
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.search.answer import Kind
-    from stancekit.planners.terrain.footholds import FootholdLimits
-    from stancekit.planners.terrain.heightfield import HeightField
     from stancekit.planners.terrain.import_options import ImportOptions
 
 
@@ -250,6 +249,17 @@ def check_limit(time_limit_s: float | None) -> None:
         raise InvalidInput(f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, {got}")
 
 
+def check_out(path: Path | None, *suffixes: str) -> None:
+    """Raise InvalidInput for a file of --out that cannot be written, or ends otherwise."""
+    from stancekit.planners.files.writing import check_writable
+
+    if path is not None and suffixes and path.suffix not in suffixes:
+        ends = " or ".join(suffixes)
+        raise InvalidInput(f"--out: expected a name that ends in {ends}, got {path}")
+    if path is not None:
+        check_writable(path)
+
+
 def check_drawn(
     picture: Path | None = None, video: Path | None = None, html: Path | None = None
 ) -> None:
@@ -379,7 +389,7 @@ class TerrainFile(FileMeaning):
 
         Raises InvalidInput.
         """
-        from stancekit.terrains import heights
+        from stancekit import heights
 
         with in_options():
             return heights(name, smooth_m=self.smooth_m, **vars(self.asked()))
@@ -417,7 +427,7 @@ class FootholdOptions:
 
         Raises InvalidInput.
         """
-        from stancekit.planners.terrain.footholds import FootholdLimits
+        from stancekit import FootholdLimits
 
         settings = {k: v for k, v in vars(self).items() if k != "headroom_m"}
         with in_options():

@@ -13,7 +13,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import out, tell, text_of
-from .options import PROJECTION, OptionalPath
+from .options import PROJECTION, OptionalPath, check_out
 
 
 @dataclass
@@ -40,14 +40,11 @@ class Picture:
 
     def run(self) -> int:
         """Solve, draw, write."""
-        from stancekit.answers import explain
-        from stancekit.files import load
-        from stancekit.pictures import draw
-        from stancekit.planners.files.writing import check_writable
+        from stancekit import draw, explain, load
         from stancekit.planners.formats.motion_file import is_evidence
         from stancekit.postures import planner_of, read_envelopes, read_problems
 
-        check_writable(self.out)
+        check_out(self.out)
         text, content = text_of(self.file), None
         with suppress(ValueError):
             content = loads(text)

@@ -17,10 +17,8 @@ from typing import TYPE_CHECKING, Any
 from .console import progress
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.certificate import Crossing
-    from stancekit.planners.answer.plan import LeapPlan, Plan
-    from stancekit.planners.answer.trajectory import Trajectory
-    from stancekit.runner.execution import Execution
+    from stancekit import Crossing, LeapPlan, Plan, Trajectory
+    from stancekit.runner.report import Execution
 
 
 _PARSER = "scipy._lib._docscrape"
@@ -173,7 +171,7 @@ def show(
     written = [path for path in (picture, video, html) if path is not None]
     if not written:
         return []
-    from stancekit.pictures import draw, film
+    from stancekit import draw, film
 
     if picture is not None:
         draw(motion, executed=executed, out=picture)

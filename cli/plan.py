@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 
 import tyro
-from rich.table import Table
 from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput, NoPlace
 
-from .console import as_options, complain, emit, out, progress
+from .console import as_options, complain, emit, out, progress, results
 from .options import (
     OF_METHOD,
     CourseMethodOptions,
@@ -36,11 +35,16 @@ from .solve import Between
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from stancekit.planners.answer.answer import Answer
-    from stancekit.planners.answer.certificate import Crossing
-    from stancekit.planners.answer.plan import LeapPlan, Plan
-    from stancekit.planners.leap.finder import LeapFinder
-    from stancekit.planners.problem.leap import Leap
+    from rich.table import Table
+
+    from stancekit import (
+        Answer,
+        Crossing,
+        Leap,
+        LeapFinder,
+        LeapPlan,
+        Plan,
+    )
     from stancekit.planners.search.answer import Planner, PlanSettings
 
 
@@ -94,7 +98,7 @@ def _write(
     written: list[Path] = []
     if plan_file is None and proof is None and not any(pictures.values()):
         return written
-    from stancekit.files import save
+    from stancekit import save
 
     if plan_file is not None and answer.solution is not None and answer.report is not None:
         with progress(f"write {plan_file}"):
@@ -107,7 +111,7 @@ def _write(
     if answer.solution is not None and answer.report is not None:
         written += show(answer.solution, **pictures)
     elif pictures["picture"] is not None and answer.problem is not None:
-        from stancekit.pictures import draw
+        from stancekit import draw
 
         draw(answer, out=pictures["picture"])
         written.append(pictures["picture"])
@@ -116,25 +120,20 @@ def _write(
 
 def _table_of(answer: Answer[Any], name: str) -> Table:
     """One row: what was planned, how, and what came of it."""
-    table = Table(box=None, header_style="bold")
-    for column in (
-        "course",
-        "method",
-        "frames",
-        "status",
-        "objective",
-        "bound",
-        "compile",
-        "solve",
-    ):
-        left = column in ("course", "method", "status")
-        table.add_column(
-            column, justify="left" if left else "right", overflow="fold", no_wrap=column != "course"
-        )
+    sides = {
+        "course": "left",
+        "method": "left",
+        "frames": "right",
+        "status": "left",
+        "objective": "right",
+        "bound": "right",
+        "compile": "right",
+        "solve": "right",
+    }
     status = answer.status.value
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[status]
     frames = _frames(answer)
-    table.add_row(
+    row = (
         name,
         answer.method,
         "–" if frames is None else str(frames),
@@ -144,7 +143,7 @@ def _table_of(answer: Answer[Any], name: str) -> Table:
         f"{answer.effort.compile_s:.2f} s",
         f"{answer.effort.seconds:.3f} s",
     )
-    return table
+    return results(sides, [row], folds=("course",))
 
 
 def _reason_of(answer: Answer[Any]) -> str:
@@ -203,7 +202,7 @@ def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
 
 def _frames(answer: Answer[Any]) -> int | None:
     """The number of key frames; None of a leap, and of a crossing, whose parts have their own."""
-    from stancekit.planners.answer.certificate import Crossing
+    from stancekit import Crossing
 
     crosses = isinstance(answer.solution, Crossing)
     return None if crosses else getattr(answer.problem, "frames", None)
@@ -211,8 +210,7 @@ def _frames(answer: Answer[Any]) -> int | None:
 
 def _lines(answer: Answer[Any]) -> Iterator[str]:
     """Lines about what was found, below its table."""
-    from stancekit.planners.answer.certificate import Crossing
-    from stancekit.planners.answer.plan import LeapPlan
+    from stancekit import Crossing, LeapPlan
 
     solution = answer.solution
     if isinstance(solution, Crossing):
@@ -287,7 +285,7 @@ def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
 
 
 def _crossing_lines(answer: Answer[Crossing], crossing: Crossing) -> Iterator[str]:
-    from stancekit.planners.answer.plan import LeapPlan
+    from stancekit import LeapPlan
 
     assert answer.report is not None
     yield f"key frames alone: {crossing.refusal}"
@@ -353,8 +351,7 @@ def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
 
 
 def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
-    from stancekit.planners.answer.certificate import Crossing
-    from stancekit.planners.answer.plan import LeapPlan
+    from stancekit import Crossing, LeapPlan
 
     if isinstance(solution, Crossing):
         return {
@@ -525,7 +522,7 @@ class PlanCourse:
             left_s = max(
                 begin + self.time_limit_s - time.perf_counter(), 0.0
             )  # a terrain has been read meanwhile
-            with as_options("push_n", "wrench"):
+            with as_options("push_n", "wrench", "prefer_margin"):
                 return cast(
                     "Answer[Plan] | Answer[Crossing]",
                     plan(
@@ -543,7 +540,7 @@ class PlanCourse:
 
         Raises InvalidInput for options that it has no use for.
         """
-        from stancekit.courses import plan
+        from stancekit import plan
 
         self._check_of_leap()
         self._check_files()
@@ -595,8 +592,7 @@ class PlanCourse:
 
         Raises InvalidInput.
         """
-        from stancekit.planners.projection.whole_body import WholeBodyLimits
-        from stancekit.planners.search.answer import PlanSettings
+        from stancekit import PlanSettings, WholeBodyLimits
 
         with as_options("torque_nm", "torque_share", "clearance_m", "push_n", "wrench"):
             return PlanSettings(

@@ -121,8 +121,7 @@ class Play:
 
         Raises InvalidInput.
         """
-        from stancekit.files import load
-        from stancekit.planners.problem import Problem
+        from stancekit import Problem, load
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.scenario import BetweenScenario, FixedScenario, KeysScenario
 

@@ -10,7 +10,7 @@ import tyro
 from rich.text import Text
 
 from .console import emit, facts, out, say_written
-from .options import OptionalPath
+from .options import OptionalPath, check_drawn
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -40,10 +40,7 @@ class Replay:
         from stancekit.runner.log import read_log
         from stancekit.views.gait_plot import differences, draw_tracking, tracked
 
-        if self.picture is not None:
-            from stancekit.views.sheet import check_picture
-
-            check_picture(self.picture)
+        check_drawn(self.picture)
         recorded = read_log(self.log)
         plan, verdicts = recorded.of("plan")[0], recorded.of("verdict")
         commands = recorded.of("command")

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from rich.table import Table
 
-from .console import emit, facts, out
-from .options import OptionalPath, OptionalText
+from .console import emit, facts, grid, out
+from .options import OptionalPath, OptionalText, check_drawn
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from rich.table import Table
 
     from stancekit.planners.robot.reach_sets import Workspace
     from stancekit.planners.robot.robot_model import Remark, RobotModel
@@ -50,14 +52,12 @@ class ShowRobot:
     def run(self) -> int:
         """Read, measure, draw, say."""
         from stancekit.planners.errors import InvalidInput
-        from stancekit.planners.files.writing import check_writable
         from stancekit.planners.robot.reach_sets import workspaces_of
         from stancekit.planners.robot.robot_file import named_robot
 
         if self.robot is None:
             return self._list()
-        if self.picture is not None:
-            check_writable(self.picture)
+        check_drawn(self.picture)
         model = named_robot(self.robot, srdf=self.srdf)
         workspaces: list[Workspace | None]
         try:
@@ -109,13 +109,19 @@ class ShowRobot:
             for name, source, installed in rows:
                 emit({"name": name, "provider": source, "installed": installed})
             return 0
-        table = _columns("robot", "file from", "")
-        for name, source, installed in rows:
-            command = (
-                install_command("catalogue") if source in CATALOGUE else package_command(source)
+        lines = (
+            (
+                name,
+                source,
+                ""
+                if installed
+                else install_command("catalogue")
+                if source in CATALOGUE
+                else package_command(source),
             )
-            table.add_row(name, source, "" if installed else command)
-        out.print(table)
+            for name, source, installed in rows
+        )
+        out.print(_table(("robot", "file from", ""), lines))
         return 0
 
 
@@ -123,9 +129,8 @@ def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path)
     """Draw the robot; doubts on meshes that should be in the picture and cannot be."""
     from stancekit.planners.robot.meshes import unseen
     from stancekit.planners.robot.robot_model import Remark
-    from stancekit.views.links import TRIANGLES
+    from stancekit.views.robots import TRIANGLES, draw_robot
     from stancekit.views.sheet import save
-    from stancekit.views.still import draw_robot
 
     save(draw_robot(model, [each for each in workspaces if each is not None]), picture)
     return [Remark(kind="doubt", text=text) for text in unseen(model.shapes, TRIANGLES)]
@@ -153,35 +158,44 @@ def _head(model: RobotModel) -> Table:
 
 
 def _legs(model: RobotModel, workspaces: list[Workspace | None]) -> Table:
-    table = _columns("leg", "foot", "reach [m]", "cover", "unreachable")
-    for leg, workspace in zip(model.legs, workspaces, strict=True):
-        measured = ("–", "–", "–")
-        if workspace is not None:
-            measured = (
-                f"{workspace.reach_m:.3f}",
-                f"{workspace.cover:.0%}",
-                f"{workspace.unreachable:.2%}",
-            )
-        table.add_row(leg.name, leg.foot, *measured)
-    return table
+    rows = (
+        (leg.name, leg.foot, "–", "–", "–")
+        if space is None
+        else (
+            leg.name,
+            leg.foot,
+            f"{space.reach_m:.3f}",
+            f"{space.cover:.0%}",
+            f"{space.unreachable:.2%}",
+        )
+        for leg, space in zip(model.legs, workspaces, strict=True)
+    )
+    return _table(("leg", "foot", "reach [m]", "cover", "unreachable"), rows)
 
 
 def _joints(model: RobotModel) -> Table:
-    table = _columns("leg", "joint", "from", "to [rad]", "stands at", "torque [Nm]")
-    for leg in model.legs:
-        for joint, angle in zip(leg.joints, leg.stance_rad, strict=True):
-            torque = f"{joint.torque_nm:g}" if joint.torque_nm > 0.0 else "–"
-            unit = " m" if joint.slides else ""
-            limits = f"{joint.lower_rad:.2f}", f"{joint.upper_rad:.2f}{unit}"
-            table.add_row(leg.name, joint.name, *limits, f"{angle:.2f}", torque)
-    return table
+    rows = (
+        (
+            leg.name,
+            joint.name,
+            f"{joint.lower_rad:.2f}",
+            f"{joint.upper_rad:.2f}{' m' if joint.slides else ''}",
+            f"{angle:.2f}",
+            f"{joint.torque_nm:g}" if joint.torque_nm > 0.0 else "–",
+        )
+        for leg in model.legs
+        for joint, angle in zip(leg.joints, leg.stance_rad, strict=True)
+    )
+    return _table(("leg", "joint", "from", "to [rad]", "stands at", "torque [Nm]"), rows)
 
 
-def _columns(*names: str) -> Table:
-    table = Table(box=None)
-    for i, name in enumerate(names):
-        table.add_column(name, justify="left" if i < 2 else "right", no_wrap=True)
-    return table
+def _table(names: Sequence[str], rows: Iterable[Iterable[str]]) -> Table:
+    """A table whose first two columns are words, the others numbers."""
+    how = {
+        name: {"justify": "left" if i < 2 else "right", "no_wrap": True}
+        for i, name in enumerate(names)
+    }
+    return grid(how, rows, box=None)
 
 
 def _record(model: RobotModel, workspaces: list[Workspace | None], trouble: str) -> dict[str, Any]:

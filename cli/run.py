@@ -31,16 +31,12 @@ from .pictures import show
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit.planners.problem import Problem
-    from stancekit.planners.robot.actuators import Actuators
+    from stancekit import LoopReport, Problem, RunReport, RunSettings
     from stancekit.runner.acceptance import Accepted
-    from stancekit.runner.control.closed_loop import LoopReport
     from stancekit.runner.control.envelope_choice import SelectorPolicy
-    from stancekit.runner.execution import Execution
-    from stancekit.runner.report import RunReport
+    from stancekit.runner.report import Execution
     from stancekit.runner.safety.estop import Source
     from stancekit.runner.safety.guard import Ended
-    from stancekit.runner.settings import RunSettings
     from stancekit.runner.worlds.settings import EstopCheck
     from stancekit.runner.worlds.world import JointBus
 
@@ -194,7 +190,7 @@ def _stop_sources(
     if armed:
         sources.append(reader_source(*(stream for stream in (1, 2) if is_open(stream))))
     if stop_topic is not None:
-        from stancekit.runner.worlds.ros.estop import StopTopic
+        from stancekit.runner.worlds.ros.bridge import StopTopic
 
         with as_options():
             topic = StopTopic(stop_topic, check=check if armed else None)
@@ -315,9 +311,10 @@ class RunMotion:
 
     def run(self) -> int:
         """Check, run, report."""
+        from stancekit import RunReport
         from stancekit.motions import LIFT, WORLDS, check_run, policy_of, run
+        from stancekit.planners.robot.actuators import read_actuators
         from stancekit.runner.acceptance import Accepted
-        from stancekit.runner.report import RunReport
         from stancekit.runner.safety.estop import on_signals
         from stancekit.runner.worlds.settings import SoftContact, WorldSettings
 
@@ -345,7 +342,9 @@ class RunMotion:
                         gravity_m_s2=request.gravity_m_s2,
                         setup=self.setup,
                         rate_hz=self.rate_hz,
-                        actuators=self._actuators(),
+                        actuators=None
+                        if self.actuators is None
+                        else read_actuators(self.actuators),
                         estop=self._estop(),
                         contact=SoftContact.of(
                             self.contact_stiffness_n_m, self.contact_damping_ns_m
@@ -424,8 +423,7 @@ class RunMotion:
 
     def _settings(self) -> RunSettings:
         from stancekit.planners.motion.plan_motion import Timing
-        from stancekit.runner.control.loop_settings import LoopSettings
-        from stancekit.runner.settings import RunSettings
+        from stancekit.runner.settings import LoopSettings, RunSettings
 
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         options: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
@@ -447,11 +445,6 @@ class RunMotion:
 
     def _estop(self) -> EstopCheck:
         return "try" if self.try_estop else "without" if self.without_estop else "heard"
-
-    def _actuators(self) -> Actuators | None:
-        from stancekit.planners.robot.actuators import read_actuators
-
-        return None if self.actuators is None else read_actuators(self.actuators)
 
     def _check(self, kind: type[JointBus]) -> None:
         """Raise InvalidInput for an option out of range, or with another world, and a file that
@@ -512,14 +505,11 @@ class RunMotion:
         check_drawn(video=self.video)
         if self.video is not None and (led or not simulated):
             raise InvalidInput(f"--video: {expected}")
-        if self.picture is not None:
-            from stancekit.views.sheet import check_picture
-
-            if self.log is None:
-                raise InvalidInput(
-                    "--picture: expected --log FILE.mcap with it, from which it is drawn, got none"
-                )
-            check_picture(self.picture)
+        if self.picture is not None and self.log is None:
+            raise InvalidInput(
+                "--picture: expected --log FILE.mcap with it, from which it is drawn, got none"
+            )
+        check_drawn(self.picture)
 
 
 def _led(report: LoopReport, policy: SelectorPolicy | None) -> tuple[dict[str, Any], Table]:

@@ -12,7 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, progress, tell
-from .options import DISTRIBUTION, ROBOT, TERRAIN, OptionalPath, OptionalText
+from .options import DISTRIBUTION, ROBOT, TERRAIN, OptionalPath, OptionalText, check_out
 
 _MOST = 100_000_000
 """Problems, or scenes, of one call."""
@@ -51,7 +51,7 @@ class Sample:
     def run(self) -> int:
         """Draw and print."""
         from stancekit.planners.files.arrays import checked_int
-        from stancekit.planners.files.writing import check_writable, write_text
+        from stancekit.planners.files.writing import write_text
         from stancekit.samples import distribution, drawn
 
         checked_int(self.count, "--count", least=1, most=_MOST)
@@ -64,7 +64,7 @@ class Sample:
             for record in records:
                 emit(record)
             return 0
-        check_writable(self.out)
+        check_out(self.out)
         write_text(self.out, "".join(json.dumps(record) + "\n" for record in records))
         tell(
             self.json,

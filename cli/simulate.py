@@ -14,17 +14,14 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, facts, out, progress, say_written
-from .options import OptionalFloat, OptionalPath, check_drawn
+from .options import OptionalFloat, OptionalPath, check_drawn, check_out
 from .pictures import show
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit.planners.answer.certificate import Crossing
-    from stancekit.planners.answer.plan import LeapPlan, Plan
-    from stancekit.planners.answer.trajectory import Trajectory
-    from stancekit.runner.execution import Execution
-    from stancekit.runner.report import RunReport
+    from stancekit import Crossing, LeapPlan, Plan, RunReport, Trajectory
+    from stancekit.runner.report import Execution
     from stancekit.runner.worlds.world import JointBus
 
 
@@ -79,13 +76,11 @@ def _unknown(said: str, body: list[str]) -> str:
         return ""
     meant = dropwhile(lambda row: row != "Perhaps you meant:", body)
     hints = [row.split()[0] for row in meant if re.match("--[a-z]", row)]
-    return f"{rest.split(', ')[0]}: {_hinted(rest, list(dict.fromkeys(hints)))}"
-
-
-def _hinted(rest: str, hints: list[str]) -> str:
-    if not rest.startswith("-"):
-        return "expected no further argument here"
-    return f"no such option{'; perhaps ' + ' or '.join(hints) if hints else ''}"
+    perhaps = f"; perhaps {' or '.join(dict.fromkeys(hints))}" if hints else ""
+    what = (
+        f"no such option{perhaps}" if rest.startswith("-") else "expected no further argument here"
+    )
+    return f"{rest.split(', ')[0]}: {what}"
 
 
 def _without(said: str) -> str:
@@ -141,15 +136,15 @@ class Simulate:
 
     def run(self) -> int:
         """Read, execute, compare."""
-        from stancekit import Trajectory
+        from stancekit import RunSettings, Trajectory
         from stancekit.motions import WORLDS, accepted_of, check_run, simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.motion.plan_motion import Timing
-        from stancekit.runner.settings import RunSettings
         from stancekit.runner.worlds.settings import SoftContact, WorldSettings
 
         checked(self.pace, "--pace", least=0.1, most=4.0)
-        self._check_files()
+        check_drawn(self.picture, self.video)
+        check_out(self.out, ".npz")
         accepted = accepted_of(self.plan)
         if self.picture is not None and isinstance(accepted.plan, Trajectory):
             raise InvalidInput(
@@ -187,16 +182,6 @@ class Simulate:
                 out.print(f"doubt: {line}", highlight=False)
             say_written(self.picture, self.video, self.out, word="written: {}")
         return 0 if report.succeeded else 1
-
-    def _check_files(self) -> None:
-        """Raise InvalidInput for a file that cannot be written."""
-        from stancekit.planners.files.writing import check_writable
-
-        check_drawn(self.picture, self.video)
-        if self.out is not None:
-            if self.out.suffix != ".npz":
-                raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
-            check_writable(self.out)
 
     def _write(self, motion: Plan | Trajectory | LeapPlan | Crossing, execution: Execution) -> None:
         if self.out is not None:

@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from rich.table import Table
 from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, out, progress, text_of
+from .console import as_options, complain, emit, out, progress, results, text_of
 from .options import (
     OF_FILE,
     OF_METHOD,
@@ -27,18 +26,19 @@ from .options import (
     OptionalText,
     TerrainFile,
     check_limit,
+    check_out,
     in_options,
     named,
     place,
 )
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stancekit import Footholds, Problem, Robot
     from stancekit.planners.files.arrays import Array
-    from stancekit.planners.problem import Problem
     from stancekit.planners.problem.terrain_spec import FileTerrain
-    from stancekit.planners.robot.model import Robot
     from stancekit.planners.search.answer import Planner
-    from stancekit.planners.terrain.footholds import Footholds
 
 
 @dataclass
@@ -117,10 +117,10 @@ class Between:
 
         Raises InvalidInput.
         """
+        from stancekit import Footholds
         from stancekit.planners.problem.alternatives import AS_ASKED
         from stancekit.planners.problem.course_between import laid_between
         from stancekit.planners.problem.course_file import read_course
-        from stancekit.planners.terrain.footholds import Footholds
 
         with self.in_options():
             question = self.question(name, frames, robot, None)
@@ -171,7 +171,7 @@ class Between:
 
         Raises InvalidInput.
         """
-        from stancekit.terrains import terrain
+        from stancekit import terrain
 
         friction, limits = self._friction(), self.footholds.limits()
         with in_options():
@@ -258,12 +258,11 @@ class SolvePostures:
 
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
-        from stancekit.planners.files.writing import check_writable, write_text
+        from stancekit.planners.files.writing import write_text
         from stancekit.postures import planner_of, read_envelopes
 
         self._check()
-        if self.out is not None:
-            check_writable(self.out)
+        check_out(self.out)
         with as_options("method", "time_limit_s", *vars(self.of_method)):
             settings = self.of_method.settings(self.method, "postures", read_envelopes)
             planner = planner_of(self.method, time_limit_s=self.time_limit_s, **settings)
@@ -305,7 +304,7 @@ class SolvePostures:
     ) -> dict[str, Any]:
         if isinstance(problem, InvalidInput):
             return _invalid(where, problem)
-        from stancekit.postures import solve
+        from stancekit import solve
 
         try:
             outcome = solve(problem, planner)
@@ -332,25 +331,25 @@ def _invalid(where: str, error: InvalidInput) -> dict[str, Any]:
 
 
 def _table(lines: list[dict[str, Any]]) -> Table:
-    table = Table(box=None, header_style="bold")
-    for name, side in (
-        ("problem", "left"),
-        ("status", "left"),
-        ("net moment", "right"),
-        ("proved residual", "right"),
-        ("ms", "right"),
-        ("", "left"),
-    ):
-        folds = name in ("problem", "")
-        table.add_column(name, justify=side, overflow="fold", no_wrap=not folds)  # type: ignore[arg-type]
-    colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow", "invalid": "magenta"}
+    sides = {
+        "problem": "left",
+        "status": "left",
+        "net moment": "right",
+        "proved residual": "right",
+        "ms": "right",
+        "": "left",
+    }
+    rows, colour = (
+        list[tuple[str | Text, ...]](),
+        {"feasible": "green", "infeasible": "red", "undecided": "yellow", "invalid": "magenta"},
+    )
     for line in lines:
         where, status = line["where"], Text(line["status"], style=colour[line["status"]])
         if line["status"] == "invalid":
-            table.add_row(where, status, "", "", "", "see the message above")
+            rows.append((where, status, "", "", "", "see the message above"))
             continue
         moment = "" if line["residual_nm"] is None else f"{line['residual_nm']:.1e} Nm"
         bound = "" if line["status"] != "infeasible" else f"> {line['lower_bound']:.2g}"
         message = line.get("message", "")
-        table.add_row(where, status, moment, bound, f"{1e3 * line['seconds']:.1f}", message)
-    return table
+        rows.append((where, status, moment, bound, f"{1e3 * line['seconds']:.1f}", message))
+    return results(sides, rows, folds=("problem", ""))

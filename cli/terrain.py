@@ -22,7 +22,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from stancekit.planners.terrain.footholds import Footholds
+    from stancekit import Footholds
 
 
 @dataclass
@@ -95,7 +95,8 @@ class ShowTerrain:
             from stancekit.views.terrain import foothold_motion
 
             write_page(self.html, foothold_motion(footholds, places))
-        axes = dict(zip("xyz", self.file.asked().axes, strict=True)) if self._is_file else {}
+        is_file = Path(self.terrain).exists() and ".py" not in self.terrain
+        axes = dict(zip("xyz", self.file.asked().axes, strict=True)) if is_file else {}
         if self.json:
             emit({**footholds.to_json(), **({"axes": axes} if axes else {})})
             return 0
@@ -105,12 +106,8 @@ class ShowTerrain:
         say_written(self.picture, self.html)
         return 0
 
-    @property
-    def _is_file(self) -> bool:
-        return Path(self.terrain).exists() and ".py" not in self.terrain
-
     def _found(self) -> Footholds:
-        from stancekit.terrains import terrain
+        from stancekit import terrain
 
         meaning, limits = vars(self.file.asked()), self.footholds.limits()
         with in_options():

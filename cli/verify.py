@@ -10,14 +10,13 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, out, tell, text_of
+from .console import as_options, complain, emit, grid, out, tell, text_of
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit.planners.answer.report import Report
-    from stancekit.planners.formats.motion_file import FileCheck
+    from stancekit import FileCheck, Report
 
 _TOLERANCE = 1e-6
 
@@ -153,9 +152,7 @@ class Verify:
 
     def _leave(self, check: FileCheck) -> None:
         """Write and draw the plan of a contact sequence, or the proof of a stance that is refuted."""
-        from stancekit.answers import verify
-        from stancekit.files import save
-        from stancekit.pictures import draw
+        from stancekit import draw, save, verify
 
         answer = check.report.answer
         if check.kind != "sequence":
@@ -184,29 +181,17 @@ class Verify:
 
 def _stances(report: Report[Any]) -> Table:
     """A row per stance of a contact sequence, and per group of its plan that has something to say."""
-    from rich.table import Table
-
-    table = Table("stance", "verdict", "what", box=None)
-    for group in report.groups:
-        if group.message:
-            table.add_row(group.name, group.verdict, group.message)
-    return table
+    rows = ((each.name, each.verdict, each.message) for each in report.groups if each.message)
+    return grid([(name, {}) for name in ("stance", "verdict", "what")], rows, box=None)
 
 
 def _groups(report: Report[Any]) -> Table:
     """A row per group of a motion."""
-    from rich.table import Table  # slow to import
-
-    table = Table(box=None, show_header=False)
+    rows = list[tuple[str, ...]]()
     for group in report.groups:
         share = "" if group.unit == "1" else f" {group.unit}"
         at = "" if group.when is None else f", {group.when:.2f} s"
         place = f"{group.where}{at}".removeprefix(", ")
-        table.add_row(
-            group.name,
-            group.verdict,
-            f"{group.value:.3g} of {group.limit:g}{share}",
-            place,
-            group.message,
-        )
-    return table
+        used = f"{group.value:.3g} of {group.limit:g}{share}"
+        rows.append((group.name, group.verdict, used, place, group.message))
+    return grid([("", {})] * 5, rows, box=None, show_header=False)

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from stancekit.planners.errors import InvalidInput
-
 from .console import as_options, facts, tell
-from .options import OF_FILE, OptionalPath, TerrainFile, numbers
+from .options import OF_FILE, OptionalPath, TerrainFile, check_drawn, check_out, numbers
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -56,15 +54,11 @@ class Warp:
 
     def run(self) -> int:
         """Read the terrain, make the map, write and say what came of it."""
-        from stancekit.planners.files.writing import check_writable
-        from stancekit.selectors import warp
+        from stancekit import warp
 
         cells = numbers(self.cells, "--cells", int, 3)
-        if self.out is not None and self.out.suffix != ".npz":
-            raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
-        for path in (self.out, self.picture):
-            if path is not None:
-                check_writable(path)
+        check_out(self.out, ".npz")
+        check_drawn(self.picture)
         terrain = self.file.read(self.terrain)
         with as_options():
             fit = warp(

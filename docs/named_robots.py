@@ -30,8 +30,8 @@ def row(name: str, folder: Path, limit_s: float) -> dict[str, object]:
 
     from stancekit.planners.errors import StancekitError
     from stancekit.planners.robot.robot_file import named_robot
+    from stancekit.views.robots import draw_robot
     from stancekit.views.sheet import to_rgb
-    from stancekit.views.still import draw_robot
 
     found: dict[str, object] = {"name": name}
     try:

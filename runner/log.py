@@ -21,7 +21,6 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, Self
 
 import numpy as np
@@ -351,12 +350,7 @@ class McapLog(Log):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
 
@@ -421,13 +415,8 @@ def read_log(path: str | Path) -> Recorded:
     return Recorded(messages=tuple(messages), whole=whole)
 
 
-def state_json(state: State) -> dict[str, Any]:
-    """A world's state, JSON-ready."""
-    return {item.name: getattr(state, item.name) for item in fields(state)}
-
-
 def state_from_json(content: Mapping[str, Any], where: str) -> State:
-    """Read a state that ``state_json`` wrote.
+    """Read a state that a run wrote.
 
     Raises InvalidInput.
     """

@@ -23,8 +23,6 @@ from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import Accepted, check_fits, check_joints, check_stands
 from .control.tracker import Target, Tracker
-from .execution import Execution
-from .log import Record
 from .motion.bodies import motion_bodies
 from .motion.redundancy import RedundancyResolution, load_transfer, mean_forces, resolved
 from .motion.time_parametrization import (
@@ -150,21 +148,6 @@ class Prepared(Tracked):
             **path,
             **world.drives.entry(),
         }
-
-    def execution(
-        self, world: SafeWorld, record: Record, settings: RunSettings, wall_s: float
-    ) -> Execution:
-        """Compare the measurements with the plan."""
-        return Execution.of(
-            record,
-            self.kinematics,
-            world,
-            goal_m=self.ends_m[1],
-            stances=self.motion.stances,
-            tolerance=settings.tolerance,
-            wall_s=wall_s,
-            touch_downs_m=self.touch_downs_m if self.sees else None,
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -25,10 +25,9 @@ from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 
 from .acceptance import Accepted
-from .control.estimation import LegOdometry
-from .control.friction import SilentFeet
+from .control.estimation import LegOdometry, SilentFeet
 from .control.tracker import Target
-from .log import FORMAT, LOADED, Log, Record, state_json
+from .log import FORMAT, LOADED, Log, Record
 from .motion.time_parametrization import rise_m, soft_motion, soft_start
 from .prepared import (
     Prepared,
@@ -181,7 +180,7 @@ class Runner:
                 self.decide("start", f"{1e3 * rise:.0f} mm higher: a foot was in the ground")
         terrain = prepared.terrain if terrain is None else terrain
         state = self.world.connect(terrain, first.angles_rad, origin, rotation)
-        self.log.write("measurement", state_json(state))
+        self.log.write("measurement", vars(state))
         self.state, self._found = state, np.array(state.angles_rad)
         if (wrench := self._carry(0.0)) is not None and wrench.any():
             self.decide(
@@ -294,7 +293,7 @@ class Runner:
         if self._logs:
             entry = {"asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned}
             self.log.write("command", {"time_s": state.time_s, **entry})
-            self.log.write("measurement", state_json(state))
+            self.log.write("measurement", vars(state))
         self.state = state
         return state
 

@@ -5,17 +5,72 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
-from stancekit.planners.files.arrays import checked
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import check_numbers, checked, collect_errors
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.contact import wrench_of
+from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.verify.geometry import LEAST_PUSH
 
 from .control.body_feedback import BodyFeedback
 from .control.foot_placement import ContactFeedback
-from .control.loop_settings import LoopSettings
-from .execution import Tolerance
 from .safety.estop import Source
 from .safety.guard import Ending, Limits
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tolerance:
+    """When a run is a success, and how far from its plan it is stopped.
+
+    Arguments:
+        com_m: largest distance of the final centre of mass from the plan's.
+        joint_rad: the same of the joints.
+        slip_m: longest distance that a foot slides while it should stand.
+        body_m, body_rad: a body farther than this from where it should be has fallen, and stops the
+            run, where the world measures it.
+    """
+
+    com_m: float = 0.03
+    joint_rad: float = 0.1
+    slip_m: float = 0.02
+    body_m: float = 0.10
+    body_rad: float = 0.5
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "tolerance.", above=self.__annotations__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopSettings:
+    """Settings of a closed loop.
+
+    Arguments:
+        horizon: key frames a plan; 0 for all that are left.
+        replan_m: a body or a foot farther than this from the plan has the rest planned anew, at the
+            next moment when all feet stand; inf for never.
+        tries: so many plans in a row that come no farther, and it gives up.
+        shares: of the friction that is counted on, that are planned with.
+        goal_m: how far from where its last plan has it the centre of mass may end.
+        learn_friction: estimate it from what feet feel.
+    """
+
+    horizon: int = 0
+    replan_m: float = 0.012
+    tries: int = 6
+    shares: tuple[float, ...] = SHARES
+    goal_m: float = 0.03
+    learn_friction: bool = True
+
+    def __post_init__(self) -> None:
+        collect_errors(
+            lambda: checked(self.tries, "loop.tries", least=1.0),
+            lambda: checked(self.horizon, "loop.horizon", least=0.0),
+            lambda: checked(self.goal_m, "loop.goal_m", above=0.0),
+        )
+        if not self.replan_m > 0.0:
+            raise InvalidInput(
+                f"loop.replan_m: expected a number above 0, or inf, got {self.replan_m!r}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

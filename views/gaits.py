@@ -23,15 +23,30 @@ from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
-from stancekit.runner.execution import Execution
 from stancekit.runner.log import TOUCH_N
 from stancekit.runner.motion.time_parametrization import streamed
+from stancekit.runner.report import Execution
 
-from .film import film_frames
-from .page import FPS, View
+from .film import Frame, film_frames
+from .plans import FPS, View
 from .robots import RobotShape, bent, faded, single_body
-from .scene import UP, Animation, Camera, Colour, DrawnBody, Label, Path, Scene, Sheet, best_view
-from .shapes import dashes, disc, lines_told, polyline, unit
+from .scene import (
+    UP,
+    Animation,
+    Camera,
+    Colour,
+    DrawnBody,
+    Label,
+    Path,
+    Scene,
+    Sheet,
+    best_view,
+    dashes,
+    disc,
+    lines_told,
+    polyline,
+    unit,
+)
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
@@ -45,10 +60,10 @@ from .sheet import (
     quiet_axes,
     sheet,
     to_rgb,
+    wrapped,
 )
 from .strips import picture
 from .terrain import Entry, block, grid_on_ground
-from .video import Frame
 
 _FILM_PX = (1280, 720)
 _MARGIN = 0.08
@@ -473,7 +488,8 @@ def draw_motion(
     made = trajectory.provenance.get("chart", "")
     length = float(np.linalg.norm(np.diff(trajectory.torso_m, axis=0), axis=1).sum())
     verdict = "not verified" if report is None else report.message
-    words = f"{length:.2f} m in {trajectory.duration_s:g} s   ·   friction {trajectory.problem.friction:g}   ·   {verdict}"
+    way = f"{length:.2f} m in {trajectory.duration_s:g} s   ·   friction {trajectory.problem.friction:g}"
+    words = wrapped(f"{way}   ·   {verdict}")
     headline(
         figure, caption or view.title + (f", {made}" if made else ""), words, alarm=_refused(report)
     )

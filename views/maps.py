@@ -28,8 +28,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.report import MapReport
 from stancekit.planners.warp.spline_map import SplineMap
 
-from .scene import Camera, Path, Scene
-from .shapes import polyline
+from .scene import Camera, Path, Scene, polyline
 from .sheet import (
     DEFAULT_STYLE,
     INK,

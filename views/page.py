@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import html
 import io
-from abc import ABC, abstractmethod
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import (
     AbstractContextManager,
@@ -20,174 +20,271 @@ from contextlib import (
 )
 from importlib import import_module
 from pathlib import Path as File
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb, to_rgba
 
-from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput, install_command, not_installed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import check_writable, write_bytes
-from stancekit.planners.motion.motion import Samples
-from stancekit.planners.robot.inverse_kinematics import ToeKinematics
-from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.leg import rotation_of
-from stancekit.planners.robot.model import Robot
-from stancekit.planners.terrain import Patch
 
-from .film import film_frames
-from .robots import RobotShape, climber, limb_of_three
-from .scene import ON_M, Animation, Arrow, Colour, DrawnBody, Layer, Path, Scene, Stage
-from .shapes import plate, ring, unit
-from .sheet import ACCENT, INK, QUIET, Size
-from .video import Frame
+from .scene import (
+    UP,
+    Animation,
+    Arrow,
+    Box,
+    Capsule,
+    Colour,
+    DrawnBody,
+    Faces,
+    Label,
+    Mesh,
+    Path,
+    Scene,
+    Sheet,
+    Sphere,
+    borders,
+    fans,
+    mesh_of,
+    triangles_of,
+)
+from .sheet import ACCENT, INK, QUIET
 
 _STRIPS = """<style>#strips{position:fixed;left:0;bottom:40px;z-index:9;width:100%;display:flex;overflow-x:auto;
 background:rgba(255,255,255,.8)}#strips div{flex:none}
 #strips div:first-child{margin-left:auto}#strips div:last-child{margin-right:auto}</style>"""
 """The look of the strips: side by side above the time line, on a narrow screen to be drawn aside."""
-FPS = 20.0
-"""Pictures per second of films."""
-GOAL, REAL = "#e8a317", "#c2410c"
-"""Colours of the goal, and of the path of the robot in a world."""
 
 
-class View(ABC):
-    """View of a motion: a picture, a page or a film.
+def _merged(paths: Sequence[Path]) -> list[Path]:
+    """Join lines of one look in one path."""
+    groups: dict[tuple[Any, ...], list[Array]] = {}
+    for path in paths:
+        key = (to_rgba(path.colour), path.width, path.opacity, path.layer, path.lift_m, path.halo)
+        groups.setdefault(key, []).append(path.pieces_m)
+    return [
+        Path(
+            pieces_m=np.concatenate(pieces),
+            colour=colour[:3],
+            width=width,
+            opacity=opacity,
+            layer=layer,
+            lift_m=lift_m,
+            halo=halo,
+        )
+        for (colour, width, opacity, layer, lift_m, halo), pieces in groups.items()
+    ]
 
-    Joints are where the motion has them. Where it knows none they are found by inverse kinematics,
-    and those of limbs without a file are a guess, for the eye.
+
+_POINT_M = 0.0011
+"""Width of a line of one point, as a share of the viewer's distance."""
+
+
+class Stage:
+    """The nodes of a scene, by name, and how they follow what it is now; only what changes is sent.
+
+    Arguments:
+        scene: viser's.
+        distance_m: of the viewer, by which lines are as thick as on paper.
     """
 
-    film_px: ClassVar[Size] = (854, 480)
+    def __init__(self, scene: Any, distance_m: float) -> None:
+        self._scene, self._distance_m = scene, distance_m
+        self._nodes: dict[str, Any] = {}
+        self._drawn: dict[str, Any] = {}
+        self._places: dict[str, tuple[list[float], list[list[float]]]] = {}
 
-    @property
-    @abstractmethod
-    def robot(self) -> Robot:
-        """The robot that moves."""
-
-    @property
-    @abstractmethod
-    def metres_a_newton(self) -> float:
-        """Length of the arrow of a force."""
-
-    @abstractmethod
-    def film(self) -> Animation:
-        """The motion as moments, for a page or a film."""
-
-    def frames(self, film: Animation, size_px: Size | None = None) -> Iterator[Frame]:
-        """The frames of ``film``, uint8 of shape (H, W, 3), one by one.
-
-        Raises InvalidInput without MuJoCo or a GL library.
-        """
-        return film_frames(film, size_px or self.film_px)
-
-    @cached_property
-    def shape(self) -> RobotShape:
-        """Shape of the robot."""
-        return climber(self.robot)
-
-    def near_rad(self, now: Samples) -> Array | None:
-        """Angles that unknown joints are sought near, shape (J,) [rad]; None for anywhere."""
-        return None
-
-    def guess(self, now: Samples) -> list[Array]:
-        """Places of the joints of limbs of which only the reach is known, shape (J, 3) [m] each, the
-        foot last.
-        """
-        turn = rotation_of(now.rotation_rad)
-        return [
-            limb_of_three(now.com_m + arm, toe, unit(arm), limb.reach_m)
-            for limb, toe in zip(self.robot.limbs, now.toes_m, strict=True)
-            for arm in [turn @ limb.shoulder_m]
-        ]
-
-    def limbs(self, now: Samples) -> Sequence[Array]:
-        """Poses of the limbs: angles of a URDF's, shape (n,) [rad]; else where its joints are, shape
-        (J, 3) [m], the foot last.
-        """
-        turn, links = rotation_of(now.rotation_rad), self.shape.links
-        if links is not None and now.angles_rad is not None:
-            return links.split(now.angles_rad)
-        if links is not None:
-            near = self.near_rad(now)
-            legs, _ = ToeKinematics(links.model).solve(
-                now.com_m[None],
-                turn[None],
-                now.toes_m[None],
-                now.normals[None],
-                None if near is None else near[None],
+    def show(self, scene: Scene, root: str) -> None:
+        """Show this scene under a root, and nothing else there; what it was before is changed."""
+        shown = {self._sheet(f"{root}/sheet{k}", ground) for k, ground in enumerate(scene.sheets)}
+        for k, ((colour, opacity), each) in enumerate(fans(scene.facets).items()):
+            corners = each.reshape(-1, 3)
+            faces = np.arange(len(corners)).reshape(-1, 3)
+            shown.add(
+                self._mesh(f"{root}/facets{k}", corners, faces, colour, opacity, flat_shading=True)
             )
-            return [angles[0] for angles in legs]
-        if now.angles_rad is not None and now.origin_m is not None and self._kinematics is not None:
-            return list(now.origin_m + self._kinematics.chains(now.angles_rad) @ turn.T)
-        return self.guess(now)
+        paths = _merged([*scene.paths, *borders(scene.facets)])
+        shown |= {self._path(f"{root}/path{k}", path) for k, path in enumerate(paths)}
+        shown |= {self._body(f"{root}/{body.name}", body) for body in scene.bodies}
+        shown |= {
+            self._arrow(f"{root}/{arrow.name}", arrow) for arrow in scene.arrows if arrow.visible
+        }
+        shown |= {self._label(f"{root}/label {label.name}", label) for label in scene.labels}
+        self._only(shown, f"{root}/")
 
-    @cached_property
-    def _kinematics(self) -> Kinematics | None:
-        """Legs that are drawn up for limbs; None where there are none, or pinocchio is not
-        installed.
+    def pose(self, moment: Scene, note: str = "") -> None:
+        """Show the scene of a moment, and nothing else that moves: bodies, forces, and a note above
+        the first body.
         """
-        try:
-            return Kinematics(self.robot)
-        except InvalidInput:
-            return None
+        shown = {self._body(f"/bodies/{body.name}", body) for body in moment.bodies}
+        shown |= {
+            self._arrow(f"/forces/{arrow.name}", arrow) for arrow in moment.arrows if arrow.visible
+        }
+        if note and moment.bodies:
+            name = f"/notes/{note}"
+            if name not in self._nodes:
+                above = moment.bodies[0].position_m + 0.06 * self._distance_m * UP
+                self._nodes[name] = self._scene.add_label(
+                    name, note, anchor="bottom-center", position=tuple(above)
+                )
+            shown.add(name)
+        self._only(shown, "/bodies/", "/forces/", "/notes/")
 
-    def pose(self, now: Samples) -> tuple[Array, Array]:
-        """Pose in which the body is drawn, p_WB and R_WB: where its link is, or else at the centre
-        of mass.
-        """
-        turn = rotation_of(now.rotation_rad)
-        if now.origin_m is None:
-            return now.com_m, turn
-        return now.origin_m + turn @ self.robot.origin_m, turn
+    def _only(self, shown: set[str], *roots: str) -> None:
+        """Show nothing but this under these roots."""
+        for name, node in self._nodes.items():
+            if name.startswith(roots) and node.visible != (name in shown):
+                node.visible = name in shown
 
-    def bodies(self, now: Samples) -> list[DrawnBody]:
-        """The robot at a time."""
-        return self.shape.bodies(*self.pose(now), self.limbs(now))
-
-    def ghost(self, now: Samples) -> Scene:
-        """Trunk and limbs as a drawing in thin lines."""
-        return self.shape.ghost(*self.pose(now), self.limbs(now))
-
-    def forces(self, now: Samples, *, prefix: str = "") -> list[Arrow]:
-        """Arrows of the forces of the feet that stand and are loaded."""
-        loaded = now.stands & (np.linalg.norm(now.forces_n, axis=1) > 0.0)
-        return [
-            self.shape.force(
-                prefix + self.shape.limbs[k],
-                now.toes_m[k],
-                self.metres_a_newton * now.forces_n[k],
+    def _body(self, name: str, body: DrawnBody) -> str:
+        """Put a body in its place; a capsule is made once and stretched."""
+        first = self._drawn.get(name)
+        if first is None or not _alike(first, body):
+            corners, faces = mesh_of(body.shape)
+            self._mesh(
+                name,
+                corners,
+                triangles_of(faces),
+                body.colour,
+                body.opacity,
+                flat_shading=isinstance(body.shape, (Box, Mesh)),
+                side="front",
             )
-            for k in np.flatnonzero(loaded).tolist()
-        ]
+            self._drawn[name] = first = body
+        node, place = self._nodes[name], (body.position_m.tolist(), body.rotation.tolist())
+        position, rotation = self._places.get(name, (None, None))
+        if position != place[0]:
+            node.position = tuple(place[0])
+        if rotation != place[1] and not isinstance(body.shape, Sphere):
+            node.wxyz = quaternion(body.rotation)
+        self._places[name] = place
+        if isinstance(body.shape, Capsule) and isinstance(first.shape, Capsule):
+            scale = (1.0, 1.0, body.shape.length_m / max(first.shape.length_m, 1e-9))
+            if node.scale != scale:
+                node.scale = scale
+        return name
+
+    def _arrow(self, name: str, arrow: Arrow) -> str:
+        points = np.array([[arrow.start_m, arrow.start_m + arrow.vector_m]], dtype=np.float32)
+        if name not in self._nodes:
+            radius = arrow.radius_m
+            self._nodes[name] = self._scene.add_arrows(
+                name,
+                points,
+                _rgb(arrow.colour),
+                shaft_radius=radius,
+                head_radius=2.4 * radius,
+                head_length=5.5 * radius,
+            )
+        self._nodes[name].points = points
+        return name
+
+    def _path(self, name: str, path: Path) -> str:
+        thickness = path.width * _POINT_M * self._distance_m
+        pieces = (path.pieces_m + min(path.lift_m, 0.01) * UP).astype(np.float32)
+        look = (_rgb(path.colour), thickness, len(pieces))
+        if self._drawn.get(name) != look:
+            self._nodes[name] = self._scene.add_line_segments(
+                name, pieces, look[0], thickness=thickness
+            )
+            self._drawn[name] = look
+        elif not np.array_equal(self._nodes[name].points, pieces):
+            self._nodes[name].points = pieces
+        return name
+
+    def _label(self, name: str, label: Label) -> str:
+        if name not in self._nodes:
+            self._nodes[name] = self._scene.add_label(name, label.text, anchor="bottom-center")
+        node = self._nodes[name]
+        if node.text != label.text:
+            node.text = label.text
+        node.position = tuple(label.position_m)
+        return name
+
+    def _sheet(self, name: str, ground: Sheet) -> str:
+        """A surface with a colour a node."""
+        if self._drawn.get(name) is not ground:
+            mesh = import_module("trimesh").Trimesh(
+                ground.points_m.reshape(-1, 3),
+                triangles_of(ground.faces),
+                process=False,
+                vertex_colors=np.round(255.0 * ground.colours.reshape(-1, 3)).astype(np.uint8),
+            )
+            self._nodes[name] = self._scene.add_mesh_trimesh(
+                name, mesh, cast_shadow=False, receive_shadow=False
+            )
+            self._drawn[name] = ground
+        return name
+
+    def _mesh(
+        self, name: str, points: Array, faces: Faces, colour: Colour, opacity: float, **look: Any
+    ) -> str:
+        known = self._nodes.get(name)
+        if known is None:
+            self._nodes[name] = self._scene.add_mesh_simple(
+                name,
+                points,
+                faces,
+                color=_rgb(colour),
+                opacity=opacity if opacity < 1.0 else None,
+                cast_shadow=False,
+                receive_shadow=False,
+                **look,
+            )
+            return name
+        if not (
+            np.array_equal(known.faces, faces)
+            and np.array_equal(known.vertices, points.astype(np.float32))
+        ):
+            known.vertices, known.faces = points.astype(np.float32), faces.astype(np.uint32)
+        if known.color != _rgb(colour):
+            known.color = _rgb(colour)
+        if known.opacity != (opacity if opacity < 1.0 else None):
+            known.opacity = opacity if opacity < 1.0 else None
+        return name
 
 
-def outline(patch: Patch, colour: Colour, opacity: float = 1.0, width: float = 1.4) -> Path:
-    """The border of a chosen patch."""
-    return Path(
-        pieces_m=ring(patch.vertices_m + ON_M * patch.normal),
-        colour=colour,
-        opacity=opacity,
-        width=width,
-        layer=Layer.TERRAIN,
-        lift_m=8.0,
+def _alike(made: DrawnBody, body: DrawnBody) -> bool:
+    """Tell whether a node that was made for the one shows the other, too, once it is moved."""
+    first, shape = made.shape, body.shape
+    if (made.colour, made.opacity, type(first)) != (body.colour, body.opacity, type(shape)):
+        return False
+    if isinstance(first, Capsule) and isinstance(shape, Capsule):
+        return first.radii_m == shape.radii_m
+    return first is shape or all(
+        np.array_equal(vars(first)[name], vars(shape)[name]) for name in vars(first)
     )
 
 
-def window(name: str, patch: Patch, colour: Colour, edge: Colour) -> DrawnBody:
-    """A chosen patch in full colour, framed in the colour of its limb."""
-    return DrawnBody(
-        name=name,
-        shape=plate(patch.vertices_m, ON_M * patch.normal),
-        position_m=np.zeros(3),
-        colour=colour,
-        edge=edge,
-        opacity=0.55,
-        layer=Layer.TERRAIN,
-        lift_m=9.0,
+def quaternion(rotation: Array) -> tuple[float, ...]:
+    """(w, x, y, z) of a rotation, by its largest component; scipy takes ten times as long for a
+    single one.
+    """
+    r = rotation.tolist()
+    squares = (
+        1.0 + r[0][0] + r[1][1] + r[2][2],
+        1.0 + r[0][0] - r[1][1] - r[2][2],
+        1.0 - r[0][0] + r[1][1] - r[2][2],
+        1.0 - r[0][0] - r[1][1] + r[2][2],
     )
+    largest = max(range(4), key=lambda k: squares[k])
+    wx, wy, wz = r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]
+    xy, xz, yz = r[0][1] + r[1][0], r[0][2] + r[2][0], r[1][2] + r[2][1]
+    rows = (
+        (squares[0], wx, wy, wz),
+        (wx, squares[1], xy, xz),
+        (wy, xy, squares[2], yz),
+        (wz, xz, yz, squares[3]),
+    )
+    scale = 0.5 / math.sqrt(squares[largest])
+    return tuple(scale * value for value in rows[largest])
+
+
+def _rgb(colour: Colour) -> tuple[int, int, int]:
+    """Red, green and blue, from 0 to 255."""
+    red, green, blue = (round(255 * share) for share in to_rgb(colour))
+    return red, green, blue
 
 
 __all__ = ["PAGES", "check_page", "page", "write_page"]

@@ -23,9 +23,22 @@ from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify.explain import Relaxation
 
-from .robots import RobotShape, cone, cone_body, hexapod, limb_of_three
-from .scene import UP, Arrow, Camera, DrawnBody, Facet, Label, Layer, Path, Scene, best_view
-from .shapes import Box, dashed, unit
+from .robots import RobotShape, cone, cone_body, force_label, hexapod, limb_of_three
+from .scene import (
+    UP,
+    Arrow,
+    Box,
+    Camera,
+    DrawnBody,
+    Facet,
+    Label,
+    Layer,
+    Path,
+    Scene,
+    best_view,
+    dashed,
+    unit,
+)
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
@@ -314,8 +327,7 @@ class _PostureView:
                     colour=ACCENT,
                 )
             )
-            text = f"{contact.leg} {np.linalg.norm(force):.0f} N"
-            labels.append(Label(name=contact.leg, position_m=toe, text=text, colour=leg_colour(k)))
+            labels.append(force_label(k, contact.leg, toe, force))
         weight = -scale * self.problem.weight_n * UP
         arrows.append(
             Arrow(

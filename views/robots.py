@@ -1,24 +1,213 @@
-"""The one drawer of robots: a trunk of any shapes, limbs as bars between joints, and feet in the
-limbs' colours.
+"""The one drawer of robots: a robot's own links, or a trunk of any shapes, limbs as bars between
+joints, and feet in the limbs' colours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.colors import to_rgb as rgb
+from matplotlib.figure import Figure
+from scipy.spatial import ConvexHull, QhullError
 
+from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.inverse_kinematics import base_of
+from stancekit.planners.robot.meshes import Shape as FileShape, shape_points, thinned_mesh
 from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.reach_sets import Workspace
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.verify.explain import Relaxation
 
-from .links import Links
-from .scene import UP, Arrow, Colour, DrawnBody, Facet, Label, Layer, Path, Scene, between
-from .shapes import Box, Mesh, Shape, Sphere, dashed, hull, polyline, prism, unit
-from .sheet import ACCENT, leg_colour
+from .scene import (
+    UP,
+    Arrow,
+    Box,
+    Camera,
+    Colour,
+    DrawnBody,
+    Faces,
+    Facet,
+    Label,
+    Layer,
+    Mesh,
+    Path,
+    Scene,
+    Shape,
+    Sphere,
+    between,
+    dashed,
+    hull,
+    polyline,
+    prism,
+    unit,
+)
+from .sheet import (
+    ACCENT,
+    DEFAULT_STYLE,
+    INK,
+    SIZE_PX,
+    Size,
+    headline,
+    leg_colour,
+    plain_axes,
+    sheet,
+)
+from .still import Still
+
+_CASE, _LINK = "#aab5c0", "#7b8a99"
+_TINT = 0.3
+"""Share of its leg's colour that a link has."""
+TRIANGLES = 3000
+"""Most triangles of the mesh of one file: a quadruped is drawn with 20,000 to 50,000, and
+its page opens at once."""
+_SMALLEST = 0.012
+"""Radius of the ball that marks a foot, in stand heights, where the foot is a point."""
+
+
+class Links:
+    """The links of a robot's model, in the frames of the joints that carry them."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+
+    @cached_property
+    def meshes(self) -> dict[tuple[int | None, int], Mesh]:
+        """Meshes that a leg's joint carries, (leg, joint), in its frame; by none, (None, -1), in
+        the base's.
+        """
+        pieces = dict[tuple[int | None, int], list[tuple[Array, Faces]]]()
+        for shape in self._shapes():
+            mesh = _mesh(shape)
+            if mesh is not None:
+                mount = self.model.mounts[shape.link]
+                points = (
+                    shape.origin_m + mesh.vertices_m @ shape.rotation.T
+                ) @ mount.rotation.T + mount.origin_m
+                pieces.setdefault((mount.leg, mount.joint), []).append((points, mesh.faces))
+        return {key: _joined(each) for key, each in pieces.items()}
+
+    def _shapes(self) -> Iterator[FileShape]:
+        """For each link what it looks like, or where that cannot be had what it collides with: where
+        a mesh's file is not at hand, and no hull is known, as of a robot that a plan's file carries.
+        """
+        for link in self.model.mounts:
+            shapes = [shape for shape in self.model.shapes if shape.link == link]
+            seen = [
+                shape
+                for shape in shapes
+                if not shape.collides
+                and (shape.kind != "mesh" or shape.mesh is not None or shape.corners_m is not None)
+            ]
+            yield from seen or [shape for shape in shapes if shape.collides]
+
+    @cached_property
+    def outline_m(self) -> Array:
+        """Outline of the trunk from above, or where nothing is seen of it the hips: corners about
+        the centre of mass, shape (K, 3) [m].
+        """
+        trunk = self.meshes.get((None, -1))
+        points = (
+            np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
+        )
+        flat = (points - self.model.body.com_m)[:, :2]
+        try:
+            return np.pad(flat[ConvexHull(flat).vertices], ((0, 0), (0, 1)))
+        except QhullError:
+            return np.pad(flat, ((0, 0), (0, 1)))
+
+    def bodies(
+        self, com_m: Array, rotation: Array, angles: Sequence[Array], *, prefix: str = ""
+    ) -> list[DrawnBody]:
+        """The robot with its centre of mass at p_WC, R_WB, and the angles of every leg, shape (n,)
+        [rad].
+
+        Legs without shapes are bars from joint to joint.
+        """
+        base, model = base_of(self.model, com_m, rotation), self.model
+        chains, trunk = self.chains(com_m, rotation, angles), self.meshes.get((None, -1))
+        result = (
+            [] if trunk is None else [self._body(f"{prefix}base", trunk, base, rotation, _CASE)]
+        )
+        for i, (leg, q, chain) in enumerate(zip(model.legs, angles, chains, strict=True)):
+            colour = _mixed(_LINK, leg_colour(i), _TINT)
+            turns, places = (part[0] for part in leg.chain.frames(np.asarray(q)[None]))
+            joints = [k for k in range(len(leg.joints)) if (i, k) in self.meshes]
+            result += [
+                self._body(
+                    f"{prefix}{leg.name} link {k}",
+                    self.meshes[i, k],
+                    base + rotation @ places[k],
+                    rotation @ turns[k],
+                    colour,
+                )
+                for k in joints
+            ]
+            if not joints:
+                thick = 0.05 * model.stand_height_m
+                result += [
+                    between(f"{prefix}{leg.name} bar {k}", a, b, (1.2 * thick, thick), colour, _RIM)
+                    for k, (a, b) in enumerate(pairwise(chain))
+                    if np.linalg.norm(b - a) > 1e-9
+                ]
+            radius = max(leg.radius_m, _SMALLEST * model.stand_height_m)
+            foot = Sphere(radius)
+            result.append(
+                DrawnBody(
+                    name=f"{prefix}{leg.name} foot",
+                    shape=foot,
+                    position_m=chain[-1],
+                    colour=leg_colour(i),
+                )
+            )
+        return result
+
+    def split(self, angles: Array) -> list[Array]:
+        """Angles of all joints, shape (J,), leg by leg."""
+        return np.split(angles, np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1])
+
+    def chains(self, com_m: Array, rotation: Array, angles: Sequence[Array]) -> list[Array]:
+        """Joints of every leg in the world, the foot last, shape (n + 1, 3) [m]."""
+        base, result = base_of(self.model, com_m, rotation), []
+        for leg, q in zip(self.model.legs, angles, strict=True):
+            q = np.asarray(q)[None]
+            result.append(
+                base + np.vstack([leg.chain.frames(q)[1][0], leg.chain.feet(q)]) @ rotation.T
+            )
+        return result
+
+    @staticmethod
+    def _body(name: str, mesh: Mesh, place: Array, rotation: Array, colour: Colour) -> DrawnBody:
+        return DrawnBody(name=name, shape=mesh, position_m=place, rotation=rotation, colour=colour)
+
+
+def _mesh(shape: FileShape) -> Mesh | None:
+    """One shape in its own frame, by its hull where its mesh is not at hand; None for what is flat
+    or unknown.
+    """
+    if shape.kind == "mesh":
+        mesh = None if shape.mesh is None else thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
+        if mesh is not None and len(mesh.faces):
+            return Mesh(mesh.vertices_m, mesh.faces)
+    try:
+        points = shape_points(shape)
+        return None if points is None else hull(points)
+    except QhullError:
+        return None
+
+
+def _joined(pieces: Sequence[tuple[Array, Faces]]) -> Mesh:
+    starts = np.cumsum([0, *(len(points) for points, _ in pieces[:-1])])
+    faces = [each + start for (_, each), start in zip(pieces, starts, strict=True)]
+    return Mesh(np.vstack([points for points, _ in pieces]), np.vstack(faces))
+
+
+def _mixed(one: Colour, other: Colour, share: float) -> Colour:
+    return tuple((1.0 - share) * np.array(rgb(one)) + share * np.array(rgb(other)))
+
 
 _STEEL, JOINT, _RIM, _SHELL = "#5b6b7b", "#8593a1", "#2b3642", "#dfe6ee"
 _GHOST = "#5c6b7a"
@@ -144,7 +333,8 @@ class RobotShape:
                 pieces = np.array([[shoulder, place]])
             paths.append(Path(pieces_m=pieces, colour=colour, width=1.6 + 1.4 * (limb in blamed)))
             bodies.append(ball(f"{limb} shoulder", shoulder, 0.05 * self.size_m, colour))
-            words = f"{limb}: {lack.words}" if lack is not None and blamed[:1] == (limb,) else limb
+            told = lack is not None and blamed[:1] == (limb,)
+            words = f"{', '.join(blamed)}: {lack.words}" if lack is not None and told else limb
             labels.append(Label(name=limb, position_m=place, text=words, colour=colour))
         return Scene(bodies=bodies, paths=paths, labels=labels)
 
@@ -262,6 +452,12 @@ def cone(friction: float, frame: Array, height_m: float) -> Mesh:
     return Mesh(np.vstack([np.zeros(3), rim]), np.concatenate([sides, base]))
 
 
+def force_label(limb: int, name: str, toe_m: Array, force_n: Array) -> Label:
+    """A limb's name with its force, at its toe."""
+    text = f"{name} {np.linalg.norm(force_n):.0f} N"
+    return Label(name=name, position_m=toe_m, text=text, colour=leg_colour(limb))
+
+
 def cone_body(name: str, shape: Mesh, foot_m: Array) -> DrawnBody:
     """A friction cone at a foot."""
     return DrawnBody(
@@ -288,3 +484,64 @@ def _nose(back: float, tip: float, half: float, height: float) -> Mesh:
     On paper it is lifted off the deck that it lies on, or that hides some.
     """
     return prism(np.array([[tip, 0.0], [back, half], [back, -half]]), height, height + 0.1 * half)
+
+
+@DEFAULT_STYLE
+def draw_robot(
+    robot: RobotModel, workspaces: Sequence[Workspace] | None = None, *, size_px: Size = SIZE_PX
+) -> Figure:
+    """The robot in its standing posture, its own links.
+
+    Arguments:
+        workspaces: of its legs; the inner polytopes are drawn in the legs' colours.
+
+    Raises:
+        InvalidInput: below 300 pixels.
+    """
+    stance = [leg.stance_rad for leg in robot.legs]
+    feet = np.array([leg.nominal_m for leg in robot.legs])
+    size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
+    bodies = Links(robot).bodies(robot.body.com_m, np.eye(3), stance)
+    bodies.append(
+        DrawnBody(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK)
+    )
+    for index, workspace in enumerate(workspaces or ()):
+        bodies.append(
+            DrawnBody(
+                name="",
+                shape=hull(workspace.inner.vertices),
+                position_m=np.zeros(3),
+                colour=leg_colour(index),
+                opacity=0.1,
+                layer=Layer.GLASS,
+                edge=leg_colour(index),
+            )
+        )
+    ground = float(feet[:, 2].min()) - max(leg.radius_m for leg in robot.legs)
+    (x0, y0), (x1, y1) = feet[:, :2].min(axis=0) - 0.4 * size, feet[:, :2].max(axis=0) + 0.4 * size
+    corners = np.array([[x0, y0, ground], [x1, y0, ground], [x1, y1, ground], [x0, y1, ground]])
+    floor = Facet(
+        corners_m=corners, normal=np.array([0.0, 0.0, 1.0]), colour="#f3f5f7", edge="#c3cad2"
+    )
+    labels = [
+        Label(name=leg.name, position_m=leg.nominal_m, text=leg.name, colour=leg_colour(index))
+        for index, leg in enumerate(robot.legs)
+    ]
+    camera = Camera(
+        target_m=feet.mean(axis=0) * [1.0, 1.0, 0.5],
+        azimuth_rad=np.deg2rad(-58.0),
+        elevation_rad=np.deg2rad(20.0),
+        distance_m=4.0 * size,
+    )
+    figure = sheet(size_px)
+    joints = sum(len(leg.joints) for leg in robot.legs)
+    words = f"{len(robot.legs)} legs, {joints} joints, {robot.body.mass_kg:.3g} kg"
+    headline(
+        figure,
+        robot.name,
+        words + ("; inside the veils every foot is reached" if workspaces else ""),
+    )
+    Still(Scene(bodies=bodies, facets=[floor], labels=labels), camera).paint(
+        plain_axes(figure, 20.0, 20.0, 90.0)
+    )
+    return figure

@@ -1,5 +1,5 @@
 """Scenes as plain data in the world frame and metres: a robot's bodies, terrain, forces, paths and
-footholds.
+footholds, and the shapes that they are made of.
 
 A picture is one ``Scene``, a page or a film an ``Animation``; ``still``, ``page`` and ``film`` draw
 them, whatever they are of. A body's shape is a capsule, a sphere, a box or a mesh, so that made-up
@@ -8,34 +8,249 @@ limbs and a URDF's links look alike.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
 from enum import IntEnum
-from importlib import import_module
 from itertools import product
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb, to_rgba
+from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
+from scipy.spatial import ConvexHull
 
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
 
-from .shapes import (
-    Box,
-    Capsule,
-    Faces,
-    Mesh,
-    Shape,
-    Sphere,
-    along,
-    box_of,
-    mesh_of,
-    ring,
-    triangles_of,
-)
+Faces = NDArray[np.int64]
+"""Corners of faces by index, shape (F, 3) or (F, 4), to the left as seen from outside."""
+_AROUND = 16
+"""Corners of what is round."""
+_TURN = np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A round bar along z about the origin, with these radii below and above [m]."""
+
+    length_m: float
+    radii_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball about the origin."""
+
+    radius_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box about the origin.
+
+    Arguments:
+        half_m: half its sides, shape (3,) [m].
+    """
+
+    half_m: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Corners, shape (V, 3) [m], and faces, shape (F, 3)."""
+
+    vertices_m: Array
+    faces: Faces
+
+
+Shape = Capsule | Sphere | Box | Mesh
+
+
+def triangles_of(faces: Faces) -> Faces:
+    """Faces of four corners in halves, shape (2 F, 3)."""
+    return faces if faces.shape[1] == 3 else np.concatenate([faces[:, :3], faces[:, [0, 2, 3]]])
+
+
+def mesh_of(shape: Shape) -> tuple[Array, Faces]:
+    """Corners, shape (V, 3) [m], and faces of a shape."""
+    match shape:
+        case Mesh(vertices, faces):
+            return vertices, faces
+        case Box(half):
+            corners = (
+                np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+            )
+            sides = ["0132", "4675", "0451", "2376", "0264", "1573"]
+            return corners, np.array([[int(k) for k in side] for side in sides])
+        case Sphere(radius):
+            turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
+            return turned(radius * np.column_stack([np.cos(turn), np.sin(turn)]))
+        case Capsule(length, (low, high)):
+            turn = np.linspace(0.0, 0.5 * np.pi, 5)
+            cap = np.column_stack([np.cos(turn), np.sin(turn)])
+            bar = np.column_stack([np.linspace(low, high, 7), length * np.linspace(-0.5, 0.5, 7)])
+            below = low * cap[:0:-1] * [1.0, -1.0] - [0.0, 0.5 * length]
+            return turned(np.concatenate([below, bar, high * cap[1:] + [0.0, 0.5 * length]]))
+    raise TypeError(shape)
+
+
+def box_of(shape: Shape) -> tuple[Array, Array]:
+    """Lowest and highest coordinates of a shape, shape (3,) each [m]."""
+    match shape:
+        case Capsule(length, (low, high)):
+            wide = max(low, high)
+            return np.array([-wide, -wide, -0.5 * length - low]), np.array(
+                [wide, wide, 0.5 * length + high]
+            )
+        case Sphere(radius):
+            return np.full(3, -radius), np.full(3, radius)
+    points = mesh_of(shape)[0]
+    return points.min(axis=0), points.max(axis=0)
+
+
+def turned(profile: Array) -> tuple[Array, Faces]:
+    """The solid of a profile (distance from z, height), shape (K, 2) [m] and upward, turned around
+    z.
+    """
+    ring = np.column_stack([np.cos(_TURN), np.sin(_TURN)])
+    corners = np.concatenate(
+        [np.column_stack([radius * ring, np.full(_AROUND, z)]) for radius, z in profile]
+    )
+    row, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(_AROUND), indexing="ij")
+    ahead = (column + 1) % _AROUND
+    quads = [
+        _AROUND * row + column,
+        _AROUND * row + ahead,
+        _AROUND * (row + 1) + ahead,
+        _AROUND * (row + 1) + column,
+    ]
+    return corners, np.stack(quads, axis=-1).reshape(-1, 4)
+
+
+def hull(points: Array) -> Mesh:
+    """The convex solid of these corners, shape (K, 3) [m]."""
+    result = ConvexHull(points)
+    outward = np.cross(
+        points[result.simplices[:, 1]] - points[result.simplices[:, 0]],
+        points[result.simplices[:, 2]] - points[result.simplices[:, 0]],
+    )
+    inward = np.einsum("ij,ij->i", outward, result.equations[:, :3]) < 0.0
+    return Mesh(points, np.where(inward[:, None], result.simplices[:, ::-1], result.simplices))
+
+
+def plate(outline: Array, offset_m: Array) -> Mesh:
+    """The solid between a convex outline, shape (K, 3) [m], and the same moved, by shape (3,) [m]."""
+    count, corner = len(outline), np.arange(len(outline))
+    after, fan = np.roll(corner, -1), np.column_stack([0 * corner, corner - 1, corner])[2:]
+    faces = np.concatenate(
+        [
+            np.column_stack([corner, after, count + after]),
+            np.column_stack([corner, count + after, count + corner]),
+            fan[:, ::-1],
+            count + fan,
+        ]
+    )
+    first = outline[0]
+    area = np.cross(outline[1:-1] - first, outline[2:] - first).sum(axis=0)
+    to_the_left = float(area @ offset_m) > 0.0
+    return Mesh(
+        np.concatenate([outline, outline + offset_m]), faces if to_the_left else faces[:, ::-1]
+    )
+
+
+def prism(outline: Array, low_m: float, high_m: float) -> Mesh:
+    """The convex prism over an outline in the plane, shape (K, 2) [m]."""
+    return hull(
+        np.concatenate(
+            [np.column_stack([outline, np.full(len(outline), z)]) for z in (low_m, high_m)]
+        )
+    )
+
+
+def disc(normal: Array, radius_m: float) -> Mesh:
+    """A thin round plate across a normal: a foothold."""
+    ends = prism(radius_m * np.column_stack([np.cos(_TURN), np.sin(_TURN)]), 0.0, 0.08 * radius_m)
+    return Mesh(ends.vertices_m @ along(normal).T, ends.faces)
+
+
+def arrow_profile(length: float, radius: float) -> Array:
+    """Profile of an arrow: the shaft from the origin, and its head."""
+    neck = length - min(5.5 * radius, 0.6 * length)
+    return np.array(
+        [[0.0, 0.0], [radius, 0.0], [radius, neck], [2.4 * radius, neck], [0.0, length]]
+    )
+
+
+def along(direction: Array) -> Array:
+    """A rotation that turns z into a direction, shape (3, 3)."""
+    z = unit(direction)
+    x = unit(np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z))
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def unit(vector: Array) -> Array:
+    """The vector over its length; zero stays zero."""
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
+
+
+def polyline(points: Array) -> Array:
+    """A line through points, shape (K, 3), in straight pieces, shape (K − 1, 2, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def thinned(points: Array, off_m: float) -> Array:
+    """A line through points, shape (K, 3), without every second corner that is within ``off_m`` of
+    the piece in its place, again and again: flat ground needs no corners, and each piece costs a
+    viewer time.
+    """
+    while len(points) > 2:
+        middle = np.arange(1, len(points) - 1, 2)
+        start, piece = points[middle - 1], points[middle + 1] - points[middle - 1]
+        square = np.maximum(np.sum(piece**2, axis=1), 1e-24)
+        share = np.clip(np.sum((points[middle] - start) * piece, axis=1) / square, 0.0, 1.0)
+        idle = np.linalg.norm(points[middle] - start - share[:, None] * piece, axis=1) < off_m
+        if not idle.any():
+            break
+        points = np.delete(points, middle[idle], axis=0)
+    return points
+
+
+def dashed(points: Array) -> Array:
+    """Every second piece of a line through points, shape (K, 3)."""
+    return polyline(points)[::2]
+
+
+def dashes(points: Array, apart_m: float = 0.05) -> Array:
+    """Dashes along a line whose points may be far apart, shape (K, 3), each so long [m]."""
+    spent = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    at = np.linspace(0.0, spent[-1], max(2, 1 + round(spent[-1] / apart_m)))
+    return dashed(np.stack([np.interp(at, spent, axis) for axis in points.T], axis=1))
+
+
+def lines_told(told: object) -> list[Array]:
+    """The lines through points, shape (L, 3) each [m], of a list that a file may hold; what is none
+    is left out.
+    """
+    lines = list[Array]()
+    for line in told if isinstance(told, list) else []:
+        try:
+            points = np.asarray(line, dtype=np.float64)
+        except (ValueError, TypeError, OverflowError):
+            continue
+        if (
+            points.ndim == 2
+            and points.shape[1] == 3
+            and len(points) > 1
+            and np.isfinite(points).all()
+        ):
+            lines.append(points)
+    return lines
+
+
+def ring(points: Array) -> Array:
+    """A line through points and back to the first, in straight pieces."""
+    return np.stack([points, np.roll(points, -1, axis=0)], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -393,26 +608,6 @@ def borders(facets: Sequence[Facet]) -> list[Path]:
     ]
 
 
-def _merged(paths: Sequence[Path]) -> list[Path]:
-    """Join lines of one look in one path."""
-    groups: dict[tuple[Any, ...], list[Array]] = {}
-    for path in paths:
-        key = (to_rgba(path.colour), path.width, path.opacity, path.layer, path.lift_m, path.halo)
-        groups.setdefault(key, []).append(path.pieces_m)
-    return [
-        Path(
-            pieces_m=np.concatenate(pieces),
-            colour=colour[:3],
-            width=width,
-            opacity=opacity,
-            layer=layer,
-            lift_m=lift_m,
-            halo=halo,
-        )
-        for (colour, width, opacity, layer, lift_m, halo), pieces in groups.items()
-    ]
-
-
 def between(
     name: str, start: Array, end: Array, radii: tuple[float, float], colour: Colour, edge: Colour
 ) -> DrawnBody:
@@ -425,219 +620,3 @@ def between(
         colour=colour,
         edge=edge,
     )
-
-
-_POINT_M = 0.0011
-"""Width of a line of one point, as a share of the viewer's distance."""
-
-
-class Stage:
-    """The nodes of a scene, by name, and how they follow what it is now; only what changes is sent.
-
-    Arguments:
-        scene: viser's.
-        distance_m: of the viewer, by which lines are as thick as on paper.
-    """
-
-    def __init__(self, scene: Any, distance_m: float) -> None:
-        self._scene, self._distance_m = scene, distance_m
-        self._nodes: dict[str, Any] = {}
-        self._drawn: dict[str, Any] = {}
-        self._places: dict[str, tuple[list[float], list[list[float]]]] = {}
-
-    def show(self, scene: Scene, root: str) -> None:
-        """Show this scene under a root, and nothing else there; what it was before is changed."""
-        shown = {self._sheet(f"{root}/sheet{k}", ground) for k, ground in enumerate(scene.sheets)}
-        for k, ((colour, opacity), each) in enumerate(fans(scene.facets).items()):
-            corners = each.reshape(-1, 3)
-            faces = np.arange(len(corners)).reshape(-1, 3)
-            shown.add(
-                self._mesh(f"{root}/facets{k}", corners, faces, colour, opacity, flat_shading=True)
-            )
-        paths = _merged([*scene.paths, *borders(scene.facets)])
-        shown |= {self._path(f"{root}/path{k}", path) for k, path in enumerate(paths)}
-        shown |= {self._body(f"{root}/{body.name}", body) for body in scene.bodies}
-        shown |= {
-            self._arrow(f"{root}/{arrow.name}", arrow) for arrow in scene.arrows if arrow.visible
-        }
-        shown |= {self._label(f"{root}/label {label.name}", label) for label in scene.labels}
-        self._only(shown, f"{root}/")
-
-    def pose(self, moment: Scene, note: str = "") -> None:
-        """Show the scene of a moment, and nothing else that moves: bodies, forces, and a note above
-        the first body.
-        """
-        shown = {self._body(f"/bodies/{body.name}", body) for body in moment.bodies}
-        shown |= {
-            self._arrow(f"/forces/{arrow.name}", arrow) for arrow in moment.arrows if arrow.visible
-        }
-        if note and moment.bodies:
-            name = f"/notes/{note}"
-            if name not in self._nodes:
-                above = moment.bodies[0].position_m + 0.06 * self._distance_m * UP
-                self._nodes[name] = self._scene.add_label(
-                    name, note, anchor="bottom-center", position=tuple(above)
-                )
-            shown.add(name)
-        self._only(shown, "/bodies/", "/forces/", "/notes/")
-
-    def _only(self, shown: set[str], *roots: str) -> None:
-        """Show nothing but this under these roots."""
-        for name, node in self._nodes.items():
-            if name.startswith(roots) and node.visible != (name in shown):
-                node.visible = name in shown
-
-    def _body(self, name: str, body: DrawnBody) -> str:
-        """Put a body in its place; a capsule is made once and stretched."""
-        first = self._drawn.get(name)
-        if first is None or not _alike(first, body):
-            corners, faces = mesh_of(body.shape)
-            self._mesh(
-                name,
-                corners,
-                triangles_of(faces),
-                body.colour,
-                body.opacity,
-                flat_shading=isinstance(body.shape, (Box, Mesh)),
-                side="front",
-            )
-            self._drawn[name] = first = body
-        node, place = self._nodes[name], (body.position_m.tolist(), body.rotation.tolist())
-        position, rotation = self._places.get(name, (None, None))
-        if position != place[0]:
-            node.position = tuple(place[0])
-        if rotation != place[1] and not isinstance(body.shape, Sphere):
-            node.wxyz = quaternion(body.rotation)
-        self._places[name] = place
-        if isinstance(body.shape, Capsule) and isinstance(first.shape, Capsule):
-            scale = (1.0, 1.0, body.shape.length_m / max(first.shape.length_m, 1e-9))
-            if node.scale != scale:
-                node.scale = scale
-        return name
-
-    def _arrow(self, name: str, arrow: Arrow) -> str:
-        points = np.array([[arrow.start_m, arrow.start_m + arrow.vector_m]], dtype=np.float32)
-        if name not in self._nodes:
-            radius = arrow.radius_m
-            self._nodes[name] = self._scene.add_arrows(
-                name,
-                points,
-                _rgb(arrow.colour),
-                shaft_radius=radius,
-                head_radius=2.4 * radius,
-                head_length=5.5 * radius,
-            )
-        self._nodes[name].points = points
-        return name
-
-    def _path(self, name: str, path: Path) -> str:
-        thickness = path.width * _POINT_M * self._distance_m
-        pieces = (path.pieces_m + min(path.lift_m, 0.01) * UP).astype(np.float32)
-        look = (_rgb(path.colour), thickness, len(pieces))
-        if self._drawn.get(name) != look:
-            self._nodes[name] = self._scene.add_line_segments(
-                name, pieces, look[0], thickness=thickness
-            )
-            self._drawn[name] = look
-        elif not np.array_equal(self._nodes[name].points, pieces):
-            self._nodes[name].points = pieces
-        return name
-
-    def _label(self, name: str, label: Label) -> str:
-        if name not in self._nodes:
-            self._nodes[name] = self._scene.add_label(name, label.text, anchor="bottom-center")
-        node = self._nodes[name]
-        if node.text != label.text:
-            node.text = label.text
-        node.position = tuple(label.position_m)
-        return name
-
-    def _sheet(self, name: str, ground: Sheet) -> str:
-        """A surface with a colour a node."""
-        if self._drawn.get(name) is not ground:
-            mesh = import_module("trimesh").Trimesh(
-                ground.points_m.reshape(-1, 3),
-                triangles_of(ground.faces),
-                process=False,
-                vertex_colors=np.round(255.0 * ground.colours.reshape(-1, 3)).astype(np.uint8),
-            )
-            self._nodes[name] = self._scene.add_mesh_trimesh(
-                name, mesh, cast_shadow=False, receive_shadow=False
-            )
-            self._drawn[name] = ground
-        return name
-
-    def _mesh(
-        self, name: str, points: Array, faces: Faces, colour: Colour, opacity: float, **look: Any
-    ) -> str:
-        known = self._nodes.get(name)
-        if known is None:
-            self._nodes[name] = self._scene.add_mesh_simple(
-                name,
-                points,
-                faces,
-                color=_rgb(colour),
-                opacity=opacity if opacity < 1.0 else None,
-                cast_shadow=False,
-                receive_shadow=False,
-                **look,
-            )
-            return name
-        if not (
-            np.array_equal(known.faces, faces)
-            and np.array_equal(known.vertices, points.astype(np.float32))
-        ):
-            known.vertices, known.faces = points.astype(np.float32), faces.astype(np.uint32)
-        if known.color != _rgb(colour):
-            known.color = _rgb(colour)
-        if known.opacity != (opacity if opacity < 1.0 else None):
-            known.opacity = opacity if opacity < 1.0 else None
-        return name
-
-
-def _alike(first: DrawnBody, body: DrawnBody) -> bool:
-    """Tell whether a node that was made for the one shows the other, too, once it is moved."""
-    return (
-        first.colour == body.colour
-        and first.opacity == body.opacity
-        and _same(first.shape, body.shape)
-    )
-
-
-def _same(first: Shape, shape: Shape) -> bool:
-    if isinstance(first, Capsule) and isinstance(shape, Capsule):
-        return first.radii_m == shape.radii_m
-    return first is shape or (
-        type(first) is type(shape)
-        and all(np.array_equal(vars(first)[name], vars(shape)[name]) for name in vars(first))
-    )
-
-
-def quaternion(rotation: Array) -> tuple[float, ...]:
-    """(w, x, y, z) of a rotation, by its largest component; scipy takes ten times as long for a
-    single one.
-    """
-    r = rotation.tolist()
-    squares = (
-        1.0 + r[0][0] + r[1][1] + r[2][2],
-        1.0 + r[0][0] - r[1][1] - r[2][2],
-        1.0 - r[0][0] + r[1][1] - r[2][2],
-        1.0 - r[0][0] - r[1][1] + r[2][2],
-    )
-    largest = max(range(4), key=lambda k: squares[k])
-    wx, wy, wz = r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]
-    xy, xz, yz = r[0][1] + r[1][0], r[0][2] + r[2][0], r[1][2] + r[2][1]
-    rows = (
-        (squares[0], wx, wy, wz),
-        (wx, squares[1], xy, xz),
-        (wy, xy, squares[2], yz),
-        (wz, xz, yz, squares[3]),
-    )
-    scale = 0.5 / math.sqrt(squares[largest])
-    return tuple(scale * value for value in rows[largest])
-
-
-def _rgb(colour: Colour) -> tuple[int, int, int]:
-    """Red, green and blue, from 0 to 255."""
-    red, green, blue = (round(255 * share) for share in to_rgb(colour))
-    return red, green, blue

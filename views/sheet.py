@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import fill
 from typing import Literal
 
 import matplotlib as mpl
@@ -28,6 +29,8 @@ DEFAULT_STYLE = style.context(["default", {"text.parse_math": False}])
 """Decorator: matplotlib's own settings for one call, so that a user's matplotlibrc changes no
 picture."""
 INK, QUIET, RULE, ACCENT, GUIDE = "#1f2933", "#66717e", "#d5dae0", "#d1233b", "#3f6fb5"
+GOAL, REAL = "#e8a317", "#c2410c"
+"""Colours of the goal, and of the path of the robot in a world."""
 LEG_COLOURS = (
     "#0b7285",
     "#d9730d",
@@ -118,6 +121,11 @@ def headline(figure: Figure, title: str, subtitle: str, *, alarm: bool = False) 
         color=ACCENT if alarm else QUIET,
         va="top",
     )
+
+
+def wrapped(words: str) -> str:
+    """Words for the line below a title, in two lines where they are too long for one."""
+    return fill(words, 140 if len(words) <= 140 else len(words) // 2 + 12)
 
 
 def leg_colour(index: int) -> str:

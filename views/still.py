@@ -4,26 +4,34 @@ where room is.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb as rgb, to_rgba
-from matplotlib.figure import Figure
 from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.reach_sets import Workspace
-from stancekit.planners.robot.robot_model import RobotModel
 
-from .links import Links
-from .scene import Arrow, Camera, DrawnBody, Facet, Label, Layer, Path, Scene, Sheet
-from .shapes import Box, Faces, Sphere, along, arrow_profile, hull, mesh_of, turned
-from .sheet import DEFAULT_STYLE, INK, SIZE_PX, Size, headline, leg_colour, plain_axes, sheet
+from .scene import (
+    Arrow,
+    Box,
+    Camera,
+    DrawnBody,
+    Faces,
+    Facet,
+    Layer,
+    Path,
+    Scene,
+    Sheet,
+    along,
+    arrow_profile,
+    mesh_of,
+    turned,
+)
 
 GLASS = 0.10
 """Opacity of terrain between the viewer and the middle of what he looks at."""
@@ -220,7 +228,7 @@ class Still:
                 )
                 outside = bool(np.any(centre - half < low) or np.any(centre + half > high))
                 away = float(np.linalg.norm(centre - anchor)) / scale
-                return float(covered) + 0.2 * away + 500.0 * others + 1000.0 * outside
+                return float(covered) + 0.2 * away + 500.0 * others + 1e9 * outside
 
             rings = [half + gap * scale for gap in (10.0, 35.0, 60.0, 90.0)]
             best = min(
@@ -289,64 +297,3 @@ def _within(outline: Array) -> Array:
     border = np.concatenate([outline, 0.5 * (outline + np.roll(outline, 1, axis=0))])
     middle = outline.mean(axis=0)
     return np.concatenate([border + share * (middle - border) for share in (0.0, 0.4, 0.8)])
-
-
-@DEFAULT_STYLE
-def draw_robot(
-    robot: RobotModel, workspaces: Sequence[Workspace] | None = None, *, size_px: Size = SIZE_PX
-) -> Figure:
-    """The robot in its standing posture, its own links.
-
-    Arguments:
-        workspaces: of its legs; the inner polytopes are drawn in the legs' colours.
-
-    Raises:
-        InvalidInput: below 300 pixels.
-    """
-    stance = [leg.stance_rad for leg in robot.legs]
-    feet = np.array([leg.nominal_m for leg in robot.legs])
-    size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
-    bodies = Links(robot).bodies(robot.body.com_m, np.eye(3), stance)
-    bodies.append(
-        DrawnBody(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK)
-    )
-    for index, workspace in enumerate(workspaces or ()):
-        bodies.append(
-            DrawnBody(
-                name="",
-                shape=hull(workspace.inner.vertices),
-                position_m=np.zeros(3),
-                colour=leg_colour(index),
-                opacity=0.1,
-                layer=Layer.GLASS,
-                edge=leg_colour(index),
-            )
-        )
-    ground = float(feet[:, 2].min()) - max(leg.radius_m for leg in robot.legs)
-    (x0, y0), (x1, y1) = feet[:, :2].min(axis=0) - 0.4 * size, feet[:, :2].max(axis=0) + 0.4 * size
-    corners = np.array([[x0, y0, ground], [x1, y0, ground], [x1, y1, ground], [x0, y1, ground]])
-    floor = Facet(
-        corners_m=corners, normal=np.array([0.0, 0.0, 1.0]), colour="#f3f5f7", edge="#c3cad2"
-    )
-    labels = [
-        Label(name=leg.name, position_m=leg.nominal_m, text=leg.name, colour=leg_colour(index))
-        for index, leg in enumerate(robot.legs)
-    ]
-    camera = Camera(
-        target_m=feet.mean(axis=0) * [1.0, 1.0, 0.5],
-        azimuth_rad=np.deg2rad(-58.0),
-        elevation_rad=np.deg2rad(20.0),
-        distance_m=4.0 * size,
-    )
-    figure = sheet(size_px)
-    joints = sum(len(leg.joints) for leg in robot.legs)
-    words = f"{len(robot.legs)} legs, {joints} joints, {robot.body.mass_kg:.3g} kg"
-    headline(
-        figure,
-        robot.name,
-        words + ("; inside the veils every foot is reached" if workspaces else ""),
-    )
-    Still(Scene(bodies=bodies, facets=[floor], labels=labels), camera).paint(
-        plain_axes(figure, 20.0, 20.0, 90.0)
-    )
-    return figure

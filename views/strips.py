@@ -21,7 +21,8 @@ from stancekit.planners.motion.motion import Played
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.verify.margins import stance_margins, verdict_yields_m
 from stancekit.planners.verify.postures import shares_on_the_way
-from stancekit.runner.execution import Execution, Tolerance
+from stancekit.runner.report import Execution
+from stancekit.runner.settings import Tolerance
 
 from .scene import Camera, Scene
 from .sheet import (
@@ -47,8 +48,8 @@ class Strip:
     Arguments:
         title, unit: what it is, and its unit.
         along: what it is drawn over, "key frame" or "time [s]".
-        at, values: where it is known, and what it is there, shape (T,); empty where it is not
-            known.
+        at, values: where it is asked for, and what it is there, shape (T,), nan where it is not
+            known; empty where it is known nowhere.
         planned: the same as planned, where it is drawn beside.
         limit: drawn as a dashed line; None where there is none.
         least: tell whether the least value is the worst one.
@@ -68,17 +69,19 @@ class Strip:
     @property
     def worst(self) -> int:
         """The row of the worst value."""
-        return int(self.values.argmin() if self.least else self.values.argmax())
+        return int(np.nanargmin(self.values) if self.least else np.nanargmax(self.values))
 
     @property
     def words(self) -> str:
         """The worst value and where it is, or why nothing is known."""
-        if not len(self.values):
-            return shorten(f"not measured: {self.why}", 56, placeholder=" …")
+        unknown = np.isnan(self.values)
+        if unknown.all():
+            return shorten(f"not measured: {self.why or 'not known'}", 56, placeholder=" …")
         what = "least" if self.least else "most"
         at, value = self.at[self.worst], self.values[self.worst]
         where = f"at key frame {at:.3g}" if self.along == "key frame" else f"at {at:.1f} s"
-        return f"{what} {value:.3g} {self.unit} {where}"
+        lacks = f", not known of {unknown.sum()} stances" if unknown.any() else ""
+        return f"{what} {value:.3g} {self.unit} {where}{lacks}"
 
 
 def plan_strips(plan: Plan, motion: Played) -> list[Strip]:
@@ -88,7 +91,8 @@ def plan_strips(plan: Plan, motion: Played) -> list[Strip]:
     Arguments:
         motion: the plan's, through its key frames.
     """
-    pushes_n = stance_margins(plan, ("push_n",), yields_m=verdict_yields_m(plan))["push_n"]
+    yields_m = verdict_yields_m(plan)
+    pushes_n = stance_margins(plan, ("push_n",), yields_m=yields_m, unknown=np.nan)["push_n"]
     now = motion.at(np.linspace(0.0, motion.duration_s, 400))
     light_n = 1e-3 * plan.problem.weight_n  # a foot that presses with less is not loaded
     cone_n = np.maximum(now.friction * now.along_n, light_n)
@@ -203,7 +207,7 @@ def _draw(axes: Axes, strip: Strip) -> None:
     )
     axes.text(0.0, 1.07, strip.words, size=9.5, color=QUIET, transform=axes.transAxes)
     quiet_axes(axes)
-    if not len(strip.values):
+    if np.isnan(strip.values).all():
         axes.set(xticks=[], yticks=[])
         return
     if strip.planned is not None:
@@ -212,7 +216,7 @@ def _draw(axes: Axes, strip: Strip) -> None:
     axes.plot(strip.at[strip.worst], strip.values[strip.worst], "o", color=ACCENT, ms=5)
     if strip.limit is not None:
         axes.axhline(strip.limit, color=ACCENT, lw=1.0, ls="--")
-    highest = max(float(strip.values.max()), strip.limit or 1e-9)
+    highest = max(float(np.nanmax(strip.values)), strip.limit or 1e-9)
     axes.set(xlim=strip.at[[0, -1]], ylim=(0.0, 1.08 * highest), xlabel=strip.along)
     axes.locator_params("x", nbins=8, integer=strip.along == "key frame")
     axes.locator_params("y", nbins=3)

@@ -21,10 +21,34 @@ from stancekit.planners.terrain.footholds import Footholds, TerrainPatch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.polygon import STEEP, Surface, clipped
 
-from .page import GOAL
-from .scene import Animation, Camera, Colour, DrawnBody, Facet, Label, Layer, Path, Scene, Sheet
-from .shapes import hull, polyline, ring, thinned
-from .sheet import ACCENT, DEFAULT_STYLE, INK, QUIET, SIZE_PX, Size, headline, plain_axes, sheet
+from .scene import (
+    Animation,
+    Camera,
+    Colour,
+    DrawnBody,
+    Facet,
+    Label,
+    Layer,
+    Path,
+    Scene,
+    Sheet,
+    hull,
+    polyline,
+    ring,
+    thinned,
+)
+from .sheet import (
+    ACCENT,
+    DEFAULT_STYLE,
+    GOAL,
+    INK,
+    QUIET,
+    SIZE_PX,
+    Size,
+    headline,
+    plain_axes,
+    sheet,
+)
 from .still import Still
 
 _STONE, _STONE_EDGE = "#d9d4c9", "#b5aea0"

@@ -323,7 +323,7 @@ class Maker:
                 mine = nearest == number
                 self._set(which[np.array(feasible)[mine]], FEASIBLE, name, room.min(axis=1)[mine])
             plans = [plan for k in feasible if (plan := answers[k].solution) is not None]
-            for name, values in stance_margins(plans, _BORNE).items():
+            for name, values in stance_margins(plans, _BORNE, unknown=np.nan).items():
                 self.margins[name][which[np.array(feasible)]] = values
         proofs = [answers[k].certificate for k in refuted]
         names = hindrances([proof for proof in proofs if proof is not None])

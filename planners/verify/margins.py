@@ -28,7 +28,7 @@ from ..answer.plan import Plan, patches_of
 from ..answer.report import Group, Report
 from ..files.arrays import Array, cross
 from ..problem.problem import Stance
-from .stance_margin import Stances, places, pushes
+from .stance_margin import Margins, Stances, places, pushes
 
 _CLOSE, _SLICK, _TINY, _OUTLINE = 0.02, 1e-6, 1e-9, 24
 """A share that is left open of distances that are only compared; friction of a patch that has none; a
@@ -47,7 +47,11 @@ share of the friction that could be missing."""
 
 
 def stance_margins(
-    plan: Plan | Sequence[Plan], names: Sequence[str] = MARGINS, *, yields_m: float = 0.0
+    plan: Plan | Sequence[Plan],
+    names: Sequence[str] = MARGINS,
+    *,
+    yields_m: float = 0.0,
+    unknown: float = 0.0,
 ) -> dict[str, Array]:
     """The margins of every stance of a plan, in the order of ``Problem.stances``, shape (S,) each.
 
@@ -56,12 +60,17 @@ def stance_margins(
         names: which of ``MARGINS``.
         yields_m: how far the body gives way under a push as large as its weight [m]; 0 for one that
             stays where it is.
+        unknown: what a margin is of which nothing is known: 0 holds of it, nan says so.
     """
+
+    def least(found: Margins) -> Array:
+        return np.where(np.isposinf(found.upper), unknown, found.lower)
+
     plans = [plan] if isinstance(plan, Plan) else plan
     at, weight_n = Stances.together(list(map(stances_of, plans))), plans[0].problem.weight_n
     measures = {
-        "push_n": lambda: weight_n * at.margins(pushes(at.borne, yields_m)).lower,
-        "support_m": lambda: at.margins(places(at.borne)).lower,
+        "push_n": lambda: weight_n * least(at.margins(pushes(at.borne, yields_m))),
+        "support_m": lambda: least(at.margins(places(at.borne))),
         "friction_left": at.friction_left,
     }
     return {name: np.maximum(0.0, measures[name]()) for name in names}
@@ -116,12 +125,17 @@ def with_margins(report: Report[Plan]) -> Report[Plan]:
         else ("every stance", *(f"frame {at[f'{name}_frame']}" for name in _LEAST))
     )
     push, support, friction = (f" ({frame})" if frame else "" for frame in frames)
-    remark = (
-        f"{every} bears a push of {at['push_n']:.3g} N, "
-        f"{at['push_n'] / plan.problem.weight_n:.1%} of the weight{push}; the centre of mass is "
-        f"{1e3 * at['support_m']:.0f} mm inside{support}; {1.0 - at['friction_left']:.0%} of the "
-        f"friction would be enough{friction}"
+    pushed, inside = (
+        f"the push that {every} bears is not known{push}",
+        f"how far inside the centre of mass is is not known{support}",
     )
+    if at["push_n"] is not None:
+        share = at["push_n"] / plan.problem.weight_n
+        pushed = f"{every} bears a push of {at['push_n']:.3g} N, {share:.1%} of the weight{push}"
+    if at["support_m"] is not None:
+        inside = f"the centre of mass is {1e3 * at['support_m']:.0f} mm inside{support}"
+    enough = f"{1.0 - at['friction_left']:.0%} of the friction would be enough{friction}"
+    remark = f"{pushed}; {inside}; {enough}"
     return replace(report, groups=(*others, group), remark=remark if report.accepted else "")
 
 
@@ -139,20 +153,23 @@ def margin_group(plan: Plan, *, measured: bool = True) -> Group:
     where it is: that is what is planned. The push that is reported is one that moves the body.
     """
     course, wanted = plan.problem, plan.problem.push_n
-    found = stance_margins(plan, MARGINS if measured else (), yields_m=verdict_yields_m(plan))
+    names = MARGINS if measured else ()
+    found = stance_margins(plan, names, yields_m=verdict_yields_m(plan), unknown=np.nan)
     figures: dict[str, Any] = {}
     for name, values in found.items():
         frame = course.stances[int(values.argmin())].frame
-        figures |= {name: float(values.min()), f"{name.rpartition('_')[0]}_frame": frame}
+        least = None if np.isnan(values).any() else float(values.min())
+        figures |= {name: least, f"{name.rpartition('_')[0]}_frame": frame}
     pushes_n = (
         np.array([wanted])
         if not measured and borne_share(plan, (wanted / course.weight_n,)) > 0.0
         else found["push_n"]
         if wanted == 0.0
-        else stance_margins(plan, ("push_n",))["push_n"]
+        else stance_margins(plan, ("push_n",), unknown=np.nan)["push_n"]
     )
     weakest, least_n = course.stances[int(pushes_n.argmin())], float(pushes_n.min())
-    short = max(0.0, wanted - least_n)
+    short = max(0.0, wanted - float(np.nan_to_num(least_n)))
+    there = "a push that is not known" if np.isnan(least_n) else f"{least_n:.3g} N"
     limbs = " ".join(course.robot.limb_names[limb] for limb in weakest.limbs)
     return Group(
         "margin",
@@ -160,7 +177,7 @@ def margin_group(plan: Plan, *, measured: bool = True) -> Group:
         unit="N",
         where=limbs,
         when=float(weakest.frame),
-        message=f"{limbs} at frame {weakest.frame}: {least_n:.3g} N, expected {wanted:.3g} N"
+        message=f"{limbs} at frame {weakest.frame}: {there}, expected {wanted:.3g} N"
         if short > 0.0
         else "",
         scale=course.weight_n,

@@ -44,10 +44,9 @@ from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
 from ..run import Runner
+from ..settings import LoopSettings
 from ..worlds.world import State
-from .estimation import nearest_on
-from .friction import FrictionEstimator
-from .loop_settings import LoopSettings
+from .estimation import FrictionEstimator, nearest_on
 
 _NEAR = (0.94, 0.97)
 """More shares of the lower end, between the last two, once feet slid: every bit of reserve counts

@@ -303,7 +303,7 @@ class Tracker:
         drives: Drives | None = None,
         touch_downs_m: Array | None = None,
     ) -> None:
-        self._motion, self._kinematics, self._feedback, self._period_s = (
+        self._motion, self.kinematics, self._feedback, self._period_s = (
             motion,
             kinematics,
             feedback,
@@ -369,11 +369,6 @@ class Tracker:
         self._taken_over, self._within_s = np.array(off_rad), within_s
 
     @property
-    def kinematics(self) -> Kinematics:
-        """Kinematics of the robot."""
-        return self._kinematics
-
-    @property
     def seeks(self) -> NDArray[np.bool_]:
         """Feet that stand and are being lowered to uncertain ground that they have not met yet,
         shape (N,).
@@ -403,9 +398,9 @@ class Tracker:
         """
         self._found = None
         if state is not None and self._feels_body:
-            loads = self._kinematics.loads(state.angles_rad, state.rotation)
+            loads = self.kinematics.loads(state.angles_rad, state.rotation)
             self._found = state, loads
-            torques = self._kinematics.torques_of(loads, forces_n)
+            torques = self.kinematics.torques_of(loads, forces_n)
             self._loops.see(state, torques, self._of(self._feet.touched))
         if self._time_s >= self._motion.duration_s:
             return None
@@ -463,18 +458,18 @@ class Tracker:
         if self._feedback.waits:
             angles = self._swing.led(self._angles, self._rates, angles, ~sample.stands)
         rotation = sample.rotation
-        loads = self._kinematics.loads(angles, rotation)
-        planned = self._kinematics.torques_of(loads, sample.forces_n)
+        loads = self.kinematics.loads(angles, rotation)
+        planned = self.kinematics.torques_of(loads, sample.forces_n)
         if sample.moments_nm is not None:
-            planned = planned - self._kinematics.turning(angles, rotation, sample.moments_nm)
+            planned = planned - self.kinematics.turning(angles, rotation, sample.moments_nm)
         torques = self._given(sample, loads, origin, rotation)
         rates = (angles - self._angles) / self._period_s
         rising = (rates - self._rates) / self._period_s
-        torques = torques + self._kinematics.inertial_torques(angles, rates, rising)
+        torques = torques + self.kinematics.inertial_torques(angles, rates, rising)
         self._rates = rates
         shift, self._angles = self._shift, angles
-        self._roll(sample, rotation @ self._kinematics.foot_frames(angles))
-        self._shift = self._kinematics.com_offset(angles)
+        self._roll(sample, rotation @ self.kinematics.foot_frames(angles))
+        self._shift = self.kinematics.com_offset(angles)
         targets = command(self._drives, angles, torques, rates, rising, self._loops.share)
         if self._time_s < self._within_s:
             targets = targets + (1.0 - smooth(self._time_s / self._within_s)) * self._taken_over
@@ -499,10 +494,10 @@ class Tracker:
         pressed = sample.forces_n + self._pressed
         placed, self._placed = self._placed, (origin, rotation)
         if self._found is None:
-            torques = self._kinematics.torques_of(loads, pressed)
+            torques = self.kinematics.torques_of(loads, pressed)
             if sample.moments_nm is None:
                 return torques
-            return torques - self._kinematics.turning(self._angles, rotation, sample.moments_nm)
+            return torques - self.kinematics.turning(self._angles, rotation, sample.moments_nm)
         if placed is not None:
             turn = self._log(rotation @ placed[1].T)
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
@@ -512,10 +507,10 @@ class Tracker:
         seen = state.position_m, state.rotation, state.velocity
         arms = state.feet_m - state.position_m - state.rotation @ self._shift
         wrench, touched = self._body.wrench(wanted, seen), self._feet.touched
-        if self._kinematics.soles:
+        if self.kinematics.soles:
             return self._on_soles(sample, wrench, arms, pressed, touched, state.rotation, there)
         forces = self._body.forces(wrench, sample, arms, pressed, touched)
-        return self._kinematics.torques_of(there, forces)
+        return self.kinematics.torques_of(there, forces)
 
     def _on_soles(
         self,
@@ -537,7 +532,7 @@ class Tracker:
             loads: of the joints where they are.
         """
         assert self._found is not None
-        kinematics, angles = self._kinematics, self._found[0].angles_rad
+        kinematics, angles = self.kinematics, self._found[0].angles_rad
         offsets = kinematics.sole_offsets(angles)
         counts = [len(its) for its in offsets]
         owner = np.repeat(np.arange(len(counts)), counts)
@@ -571,7 +566,7 @@ class Tracker:
 
     def _of(self, legs: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Flags of legs, repeated for their joints."""
-        return np.asarray(legs[self._kinematics.legs])
+        return np.asarray(legs[self.kinematics.legs])
 
     def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin.
@@ -585,15 +580,15 @@ class Tracker:
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         up = sample.normals @ rotation
-        angles, error = self._kinematics.reach(feet, near, near, up)
+        angles, error = self.kinematics.reach(feet, near, near, up)
         if (stands := sample.stands).all():
             return angles, error, origin
-        air, aside = ~stands, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
+        air, aside = ~stands, self.kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
         stuck = air & ((error > STRAY_M) | (self._feedback.waits & (aside > _ASIDE_RAD)))
         if (
             stuck.any()
         ):  # at a limit on its path, or in another posture: begin again where it should end
-            other, missed = self._kinematics.reach(feet, wish, wish, up)
+            other, missed = self.kinematics.reach(feet, wish, wish, up)
             straight = (error <= STRAY_M) & (missed <= STRAY_M)
             other = np.where(
                 self._of(straight), self._angles + self._drawn * (other - self._angles), other

@@ -16,7 +16,6 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from types import TracebackType
 from typing import Any, Literal, NoReturn, Self
 
 import numpy as np
@@ -109,12 +108,7 @@ class Watchdog:
             self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._over.set()
         if self._thread is not None:
             self._thread.join()
@@ -383,13 +377,8 @@ class SafeWorld:
         self.watchdog.__enter__()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.watchdog.__exit__(kind, error, trace)
+    def __exit__(self, *raised: object) -> None:
+        self.watchdog.__exit__(*raised)
         self.close()
 
     def _ask(self) -> None:

@@ -16,7 +16,6 @@ import select
 import subprocess
 import sys
 import time
-from types import TracebackType
 from typing import IO, Self
 
 from stancekit.planners.errors import InvalidInput
@@ -101,12 +100,7 @@ class HeartbeatMonitor:
         os.set_blocking(stdout.fileno(), False)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._end(kill=self._unresponsive or not self._say(_CLOSE))
 
     def _end(self, *, kill: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -133,6 +133,11 @@ def _rate(value: float, path: str | Path) -> float:
     if not 1.0 <= value <= 1000.0:
         raise InvalidInput(f"{path}: rate_hz: expected 1 to 1000, got {value:g}")
     return float(value)
+
+
+def listed(names: Sequence[str]) -> str:
+    """The first three of them, and how many more."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 RATE_HZ = 50.0

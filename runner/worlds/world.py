@@ -9,7 +9,6 @@ from functools import lru_cache
 from inspect import isabstract
 from math import isfinite
 from pathlib import Path
-from types import TracebackType
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
@@ -235,12 +234,7 @@ class JointBus(ABC):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self.close()
 
 

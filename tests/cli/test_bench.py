@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from stancekit.cli.bench_gait import judge
+from stancekit.cli.bench import judge
 from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.gait.walk_table import read_walk, table_of, walk_names
 from stancekit.planners.plugins import FILE

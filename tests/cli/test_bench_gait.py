@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from stancekit.cli.bench_gait import BenchGait, success_table
+from stancekit.cli.bench import BenchGait, success_table
 from stancekit.learners.evaluation import gait_bench
 from tests.refusals import refuses
 

@@ -22,7 +22,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.runner.control.closed_loop import LoopReport
 from stancekit.runner.control.envelope_choice import Observation
-from stancekit.runner.control.friction import FrictionInterval
+from stancekit.runner.control.estimation import FrictionInterval
 from stancekit.runner.safety.guard import Ended
 from tests.refusals import assert_names, refuses
 

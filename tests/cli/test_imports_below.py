@@ -39,17 +39,12 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.data.executors",
             "learners.evaluation",
             "learners.evaluation.evaluate",
+            "learners.evaluation.gait_bench",
             "learners.evaluation.planner_bench",
             "learners.evaluation.room",
             "learners.zoo",
         ),
         DRAWS: ("views.sheet",),
-    },
-    "bench_gait": {
-        TOOL: (
-            "learners.evaluation",
-            "learners.evaluation.gait_bench",
-        )
     },
     "demo": {
         TOOL: (
@@ -90,14 +85,10 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.page",
             "views.sheet",
         ),
-        LATER: (
-            "planners.terrain.footholds",
-            "planners.terrain.import_options",
-        ),
+        LATER: ("planners.terrain.import_options",),
     },
     "plan": {
         CHOICES: (
-            "planners.answer.certificate",
             "planners.answer.plan",
             "planners.answer.report",
             "planners.leap.finder",
@@ -108,15 +99,12 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         LATER: (
             "learners.leaps.policy",
             "planners.formats.question_file",
-            "planners.projection.whole_body",
-            "planners.search.answer",
             "planners.verify",
         ),
     },
     "picture": {LATER: ("planners.formats.motion_file",)},
     "play": {
         CHOICES: (
-            "planners.problem",
             "planners.terrain.families",
             "planners.terrain.import_options",
             "planners.terrain.reference",
@@ -142,9 +130,8 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
         DRAWS: (
             "planners.robot.meshes",
-            "views.links",
+            "views.robots",
             "views.sheet",
-            "views.still",
         ),
     },
     "run": {
@@ -152,15 +139,13 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.motion.plan_motion",
             "planners.robot.actuators",
             "runner.acceptance",
-            "runner.control.loop_settings",
-            "runner.report",
             "runner.settings",
             "runner.worlds.settings",
         ),
         TOOL: (
             "runner.log",
             "runner.safety.estop",
-            "runner.worlds.ros.estop",
+            "runner.worlds.ros.bridge",
         ),
         DRAWS: (
             "views.gait_plot",
@@ -170,7 +155,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "simulate": {
         LATER: (
             "planners.motion.plan_motion",
-            "runner.settings",
             "runner.worlds.settings",
         )
     },

@@ -50,10 +50,9 @@ from stancekit.runner.control.estimation import (
     nearest_on,
     without,
 )
-from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.control.tracker import FARTHEST, LoopStiffness
 from stancekit.runner.run import Runner
-from stancekit.runner.settings import RunSettings
+from stancekit.runner.settings import LoopSettings, RunSettings
 from stancekit.runner.worlds.drives import Drives, Imperfections, Push
 from stancekit.runner.worlds.world import State, make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld

@@ -23,13 +23,13 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel import control_table as table, port as servo_port
+from stancekit.runner.worlds.dynamixel.bus import MeasurementJudge
 from stancekit.runner.worlds.dynamixel.control_table import (
     Calibration,
     JointServo,
     ServoTicks,
     nominal,
 )
-from stancekit.runner.worlds.dynamixel.diagnosis import MeasurementJudge
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.devices import bus_process
 from tests.emulators.fast_time import FastTime

@@ -23,11 +23,12 @@ from stancekit.planners.terrain import Patch
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.estimation import (
     BORDER_M,
+    SILENT_S,
+    SilentFeet,
     estimate_standing,
     leg_odometry,
     odometry_error_m,
 )
-from stancekit.runner.control.friction import SILENT_S, SilentFeet
 from stancekit.runner.control.tracker import Target, Tracker
 from stancekit.runner.log import Record
 from stancekit.runner.motion.time_parametrization import BLIND, RATE_HZ, expected

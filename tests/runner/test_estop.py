@@ -25,7 +25,7 @@ from stancekit.runner.safety.estop import (
     watched,
 )
 from stancekit.runner.safety.guard import Watchdog
-from stancekit.runner.worlds.ros.estop import StopTopic
+from stancekit.runner.worlds.ros.bridge import StopTopic
 from tests.emulators.rosbridge import RosBridge
 from tests.refusals import refuses
 

@@ -23,11 +23,10 @@ from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.walker import anymal, hexapod_walker
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.execution import Tolerance
 from stancekit.runner.motion.redundancy import mean_forces
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
-from stancekit.runner.settings import RunSettings
+from stancekit.runner.settings import RunSettings, Tolerance
 from stancekit.runner.worlds.world import make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.refusals import refuses

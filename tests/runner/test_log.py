@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.runner.log import FORMAT, TOPICS, McapLog, read_log, state_from_json, state_json
+from stancekit.runner.log import FORMAT, TOPICS, McapLog, read_log, state_from_json
 from tests.emulators.faulty_disk import ended
 from tests.emulators.memory_world import MemoryWorld
 from tests.refusals import refuses
@@ -215,7 +215,7 @@ def test_numbers_that_json_lacks_are_written_as_null_and_come_back_as_nan(
     state = world.connect((), np.zeros(24), np.array([np.nan, 1.0, np.inf]), np.eye(3))
     with McapLog(path) as log:
         log.write("plan", PLAN)
-        log.write("measurement", state_json(state))
+        log.write("measurement", vars(state))
     back = state_from_json(read_log(path).of("measurement")[0], "here")
     np.testing.assert_array_equal(back.position_m, [np.nan, 1.0, np.nan])
     np.testing.assert_array_equal(back.rotation, np.eye(3))

@@ -28,12 +28,11 @@ from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.geometry import tipping
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.log import McapLog, read_log
 from stancekit.runner.prepared import Prepared, Resumption
-from stancekit.runner.report import RunReport
+from stancekit.runner.report import Execution, RunReport
 from stancekit.runner.run import Runner, simulate
-from stancekit.runner.settings import RunSettings
+from stancekit.runner.settings import RunSettings, Tolerance
 from stancekit.runner.worlds.world import make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
 from tests.planners.robot.small_urdfs import quadruped

@@ -18,10 +18,10 @@ from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.patch import Certainty
+from stancekit.runner.control.estimation import SILENT_S, SilentFeet
 from stancekit.runner.control.foot_placement import GIVES_M, ContactFeedback, FootPlacement
-from stancekit.runner.control.friction import SILENT_S, SilentFeet
-from stancekit.runner.execution import _not_found
 from stancekit.runner.motion.time_parametrization import rise_m
+from stancekit.runner.report import _not_found
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from tests.refusals import assert_names

@@ -21,15 +21,14 @@ from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_from_keys
 from stancekit.planners.search.two_stage import TwoStage
-from stancekit.runner.execution import Execution
 from stancekit.runner.log import Message, Recorded
 from stancekit.runner.motion.time_parametrization import streamed
+from stancekit.runner.report import Execution
 from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.views.gait_plot import draw_tracking, tracked
 from stancekit.views.gaits import GaitView
-from stancekit.views.page import FPS
-from stancekit.views.plans import SPEED, PlanView, draw_execution
+from stancekit.views.plans import FPS, SPEED, PlanView, draw_execution
 from stancekit.views.sheet import to_rgb
 from stancekit.views.strips import parted, run_strips
 from tests.refusals import refuses

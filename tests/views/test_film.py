@@ -17,12 +17,25 @@ from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.views import film
-from stancekit.views.film import check_film, rendered
+from stancekit.views.film import check_film, rendered, write_video
 from stancekit.views.gaits import GaitView
 from stancekit.views.robots import cone
-from stancekit.views.scene import Animation, Arrow, Camera, DrawnBody, Facet, Scene
-from stancekit.views.shapes import Box, Capsule, Sphere, disc, hull, mesh_of, plate, triangles_of
-from stancekit.views.video import write_video
+from stancekit.views.scene import (
+    Animation,
+    Arrow,
+    Box,
+    Camera,
+    Capsule,
+    DrawnBody,
+    Facet,
+    Scene,
+    Sphere,
+    disc,
+    hull,
+    mesh_of,
+    plate,
+    triangles_of,
+)
 from tests.refusals import refuses
 
 SMALL = (480, 300)
@@ -320,7 +333,7 @@ def test_equal_motions_give_equal_frames():
 def test_without_a_gl_library_one_line_names_the_package(tmp_path, monkeypatch, broken):
 
     def missing(name):
-        if name == "mujoco":
+        if name in ("mujoco", "imageio_ffmpeg"):
             return importlib.import_module(name)
         raise broken("libEGL.so.1: cannot open shared object file")
 

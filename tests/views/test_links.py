@@ -17,12 +17,10 @@ from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.views.film import rendered
 from stancekit.views.gaits import GaitView, draw_motion
-from stancekit.views.links import Links
 from stancekit.views.page import page
-from stancekit.views.scene import DrawnBody
-from stancekit.views.shapes import Capsule, Mesh, mesh_of, thinned
+from stancekit.views.robots import Links, draw_robot
+from stancekit.views.scene import Capsule, DrawnBody, Mesh, mesh_of, thinned
 from stancekit.views.sheet import to_rgb
-from stancekit.views.still import draw_robot
 from tests.planners.motion.test_plan_motion import leaning
 from tests.planners.robot.small_urdfs import quadruped
 

@@ -21,10 +21,9 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.views import page as page_module
 from stancekit.views.gaits import GaitView
-from stancekit.views.page import page
+from stancekit.views.page import Stage, page, quaternion
 from stancekit.views.plans import PlanView
-from stancekit.views.scene import Stage, quaternion
-from stancekit.views.shapes import along
+from stancekit.views.scene import along
 from stancekit.views.sheet import ACCENT
 from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 

@@ -330,7 +330,8 @@ log = logging.getLogger(__name__)
 
 class Session:
     """on_answer(number, scenario, answer, since): called in the session's own thread for every
-    answer that is drawn; since: time of the change [s], as time.perf_counter has it.
+    answer that is drawn; since: time of the change [s], as time.perf_counter has it. scenario,
+    number: the newest, and the number of its change, 0 before the first.
     """
 
     def __init__(
@@ -345,7 +346,7 @@ class Session:
         self._on_answer = on_answer
         self._rest_s = (_WALK_REST_S if self._walks else _REST_S) if rest_s is None else rest_s
         self._news = threading.Condition()
-        self._scenario, self._number, self._since = scenario, 0, time.perf_counter()
+        self.scenario, self.number, self._since = scenario, 0, time.perf_counter()
         self._answered, self._judged = -1, -1
         self._verdict: tuple[int, SceneAnswer] | None = None
         self._judge = Judge(self._told) if judges else None
@@ -355,18 +356,6 @@ class Session:
     def start(self) -> None:
         """Answer the first scene, and all that follow."""
         self._thread.start()
-
-    @property
-    def scenario(self) -> Scenario:
-        """The newest."""
-        with self._news:
-            return self._scenario
-
-    @property
-    def number(self) -> int:
-        """Number of the newest change; 0 before the first."""
-        with self._news:
-            return self._number
 
     def change(self, edit: Callable[[Scenario], Scenario]) -> int:
         """Another scene, made of the newest by ``edit``; its number.
@@ -378,17 +367,17 @@ class Session:
         """
         while True:
             with self._news:
-                base, number, since = self._scenario, self._number, time.perf_counter()
+                base, number, since = self.scenario, self.number, time.perf_counter()
             edited = edit(base)
             with self._news:
-                if number != self._number:
+                if number != self.number:
                     continue
-                self._scenario, self._since = edited, since
-                self._number += 1
+                self.scenario, self._since = edited, since
+                self.number += 1
                 if self._judge is not None:
                     self._judge.drop(ends=self._walks)
                 self._news.notify()
-                return self._number
+                return self.number
 
     def close(self) -> None:
         """End thread and process."""
@@ -411,7 +400,7 @@ class Session:
                 self._news.wait_for(self._is_due, timeout=self._patience_s())
                 if self._closed:
                     return
-                number, scenario, since = self._number, self._scenario, self._since
+                number, scenario, since = self.number, self.scenario, self._since
                 verdict, self._verdict = self._verdict, None
             if number != self._answered:
                 self._say(number, scenario, quick_answer(scenario), since)
@@ -427,11 +416,11 @@ class Session:
                 self._judge.ask(number, scenario)
 
     def _is_due(self) -> bool:
-        return self._closed or self._number != self._answered or self._verdict is not None
+        return self._closed or self.number != self._answered or self._verdict is not None
 
     def _patience_s(self) -> float | None:
         """Time until the scene counts as settled; None where there is nothing to wait for."""
-        if self._judge is None or self._judged == self._number or self._number != self._answered:
+        if self._judge is None or self._judged == self.number or self.number != self._answered:
             return None
         return max(self._rest_s - (time.perf_counter() - self._since), 0.001)
 

@@ -1,4 +1,4 @@
 """A robot of DYNAMIXEL X-series servos on a bus (extra ``machines``).
 
-Read ``driver``, ``bus``, ``control_table``, then ``diagnosis``.
+Read ``driver``, ``bus``, then ``control_table``.
 """

@@ -24,13 +24,22 @@ from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.robot_file import Servo, joint_names
 
 from ..drives import Drives
-from ..hardware import RATE_HZ, HardwareWorld
+from ..hardware import RATE_HZ, HardwareWorld, listed
 from ..settings import WorldSettings
 from ..world import WorldCapabilities
 from . import control_table as table
-from .bus import ServoBus, listed, signed, unsigned
+from .bus import (
+    BABBLE,
+    Doubt,
+    MeasurementJudge,
+    ServoBus,
+    blame,
+    late,
+    signed,
+    unanswered,
+    unsigned,
+)
 from .control_table import Calibration, ServoTicks
-from .diagnosis import BABBLE, Doubt, MeasurementJudge, blame, late, unanswered
 
 _ROUNDS = 3
 """Number of times that a setting that did not arrive is written."""

@@ -1,4 +1,4 @@
 """A robot behind a rosbridge (extra ``machines``).
 
-Read ``driver``, ``robot``, ``bridge``, then ``joint_states``, ``estop``.
+Read ``driver``, ``bridge``, then ``joint_states``.
 """
