@@ -182,8 +182,8 @@ def fit(
             sum over the toes, and "set", a network that sees all candidates; both need torch.
         calibration: rows to calibrate a neural selector on; None for a part of the data set. For
             "surrogate" further rows, in addition to that part.
-        checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were
-            stopped.
+        checkpoint: file ("rl": folder) by which "ga", "gradient", "neural" and "rl" go on where
+            they were stopped.
         workers: processes of "ga", or an executor; the result does not depend on them.
         progress: function called with the number of steps done and the number in all.
         settings: fields of ``learners.training.fit_settings.FitSettings``: share, clusters,

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,12 +39,13 @@ from stancekit.planners.relaxation.envelope import check_learned
 from ..selectors.network import (
     Architecture,
     AttentionBlock,
-    fit_epochs,
+    Epochs,
     load_weights,
     read_tensors,
     undisturbed,
     write_tensors,
 )
+from ..training.loop import StepsDone, run
 from ..zoo import shipped
 from .calibration import (
     ALARM,
@@ -694,7 +695,7 @@ class SurrogateSettings:
 def fit_surrogate(
     datasets: Sequence[Dataset],
     settings: SurrogateSettings = SurrogateSettings(),
-    progress: Callable[[int, int], None] | None = None,
+    progress: StepsDone | None = None,
     *,
     calibration: Dataset | None = None,
 ) -> Surrogate:
@@ -740,7 +741,7 @@ def fit_surrogate(
 def fit_rows(
     rows: LabelledBatch,
     settings: SurrogateSettings,
-    progress: Callable[[int, int], None] | None = None,
+    progress: StepsDone | None = None,
     *,
     problem_class: str,
     origin: dict[str, Any],
@@ -831,7 +832,7 @@ def _train(
     seen: Features,
     rows: LabelledBatch,
     settings: SurrogateSettings,
-    progress: Callable[[int, int], None] | None,
+    progress: StepsDone | None,
 ) -> None:
     tokens, corners = map(torch.from_numpy, seen)
     network.fit_scales(tokens, corners)
@@ -847,9 +848,7 @@ def _train(
 
     chance = torch.Generator().manual_seed(settings.seed)
     knobs = {name: getattr(settings, name) for name in ("epochs", "batch", "rate", "decay")}
-    for epoch in fit_epochs(network, loss, len(wanted), chance, warm=_WARM, **knobs):
-        if progress is not None:
-            progress(epoch, settings.epochs)
+    run(Epochs(network, loss, len(wanted), chance, warm=_WARM, **knobs), progress)
     with torch.no_grad():  # margins come back in their own unit
         last = network.head[-1]
         assert isinstance(last, torch.nn.Linear)

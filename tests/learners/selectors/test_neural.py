@@ -19,9 +19,9 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.selectors.network import (
     Architecture,
     BoxNetwork,
+    Epochs,
     Mirror,
     SceneTensors,
-    fit_epochs,
     pinball,
     read_tensors,
     write_tensors,
@@ -40,6 +40,7 @@ from stancekit.learners.selectors.neural import (
     roomy,
 )
 from stancekit.learners.selectors.selector import quantile_box
+from stancekit.learners.training.loop import run
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Contact, Problem
@@ -467,5 +468,5 @@ def test_a_rate_that_would_rise_in_no_time_rises_in_a_step() -> None:
     network, rows = torch.nn.Linear(1, 1), torch.zeros(9, 1)
     chance = torch.Generator().manual_seed(0)
     loss = lambda part: network(rows[part]).square().mean()  # noqa: E731
-    epochs = fit_epochs(network, loss, 9, chance, epochs=1, batch=1, rate=1e-3, decay=0.0, warm=0.1)
-    assert list(epochs) == [1]
+    fit = Epochs(network, loss, 9, chance, epochs=1, batch=1, rate=1e-3, decay=0.0, warm=0.1)
+    assert run(fit) == [{}]
