@@ -83,7 +83,7 @@ class Fit:
     """Data set folder to calibrate a neural selector on; without it a part of the data set is kept
     for that. Of surrogate: further rows to calibrate on."""
     checkpoint: OptionalPath = None
-    """File (rl: folder) by which ga, gradient, neural and rl go on where stopped."""
+    """File (rl: folder) by which a method that takes long goes on where it was stopped."""
     workers: int = 1
     """Processes of ga, which tests a generation on all of them; the result does not depend on
     them."""

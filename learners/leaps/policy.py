@@ -35,7 +35,7 @@ from ..selectors.network import (
     undisturbed,
     write_tensors,
 )
-from ..training.loop import Record, StepsDone, run
+from ..training.loop import Checkpoint, Record, State, StepsDone, run
 from ..zoo import shipped
 from .kinds import FORMAT, KINDS, Kind
 
@@ -317,6 +317,9 @@ class _Tries:
         return _Tries(**{name: value[rows] for name, value in vars(self).items()})
 
 
+_BEST = "best."
+
+
 class _Passes(Epochs):
     """Epochs, of which that with the least loss of held-out scenes is kept."""
 
@@ -333,6 +336,21 @@ class _Passes(Epochs):
             self.best = (loss, {name: value.clone() for name, value in weights})
         return {"held_out_loss": loss}
 
+    def state(self) -> State:
+        """Also the best weights."""
+        best = {f"{_BEST}{name}": value.numpy() for name, value in self.best[1].items()}
+        return {**super().state(), **best}
+
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back, too."""
+        super().restore(state, history)
+        best = {
+            name.removeprefix(_BEST): torch.tensor(values)
+            for name, values in state.items()
+            if name.startswith(_BEST)
+        }
+        self.best = min(record["held_out_loss"] for record in history), best
+
 
 @undisturbed()
 def fit_scorer(
@@ -340,6 +358,7 @@ def fit_scorer(
     kind: Kind = "set",
     settings: ScorerSettings = ScorerSettings(),
     progress: StepsDone | None = None,
+    checkpoint: Path | None = None,
 ) -> LeapScorer:
     """Learn from the tries of a data set, or of a part of it.
 
@@ -372,17 +391,16 @@ def fit_scorer(
     knobs = {name: getattr(settings, name) for name in ("epochs", "batch", "rate", "decay")}
     fit = _Passes(network, loss_of, len(train), generator, warm=_WARM, **knobs)
     fit.held_out = lambda: _loss(network, test, settings.ranking)
-    run(fit, progress)
-    network.load_state_dict(fit.best[1])
-    origin = {
+    about = {
         "method": kind,
         "settings": vars(settings),
         "rows": int(rows.there.sum()),
         "class": tries.problem_class,
         "seed": tries.header.plan.seed,
-        "held_out_loss": fit.best[0],
     }
-    return LeapScorer(network=network.eval(), origin=origin)
+    run(fit, progress, Checkpoint.of(checkpoint, {**about, "data": tries.header.digest}))
+    network.load_state_dict(fit.best[1])
+    return LeapScorer(network=network.eval(), origin={**about, "held_out_loss": fit.best[0]})
 
 
 def _rows(tries: LeapTries, part: str = "all", most: int | None = None) -> _Tries:

@@ -225,8 +225,8 @@ def fit_gradient(
     )
     knobs = asdict(settings) | {"boxes": boxes, "share": share, "seed": seed}
     about = {"method": "gradient", "settings": knobs, "rows": len(dataset), **dataset.origin}
-    kept = None if checkpoint is None else Checkpoint(path=checkpoint, about=about)
-    losses = [record["loss"] for record in run_fit(boxes_to_fit, progress, kept)]
+    records = run_fit(boxes_to_fit, progress, Checkpoint.of(checkpoint, about))
+    losses = [record["loss"] for record in records]
     return EnvelopeSet.for_problems(
         dataset.problem_class,
         list(dataset.problems()),
@@ -468,11 +468,7 @@ def evolve(
     patches = np.stack([problem.patches for problem in (*problems_feasible, *problems_infeasible)])
     data = hashlib.sha256(patches.tobytes() + np.ascontiguousarray(points).tobytes())
     about = {"settings": asdict(settings), "labels": trials.sizes, "data": data.hexdigest()}
-    records = run_fit(
-        evolution,
-        progress,
-        None if checkpoint is None else Checkpoint(path=checkpoint, about=about),
-    )
+    records = run_fit(evolution, progress, Checkpoint.of(checkpoint, about))
     history = [Generation.of(record) for record in records]
     return finish(evolution.population[: settings.finalists], trials, settings, history)
 

@@ -244,7 +244,8 @@ class Epochs(Descent):
         super().__init__(network, rate, decay)
         self._loss, self._rows, self._chance = loss, rows, chance
         self.total, self._batch = epochs, batch
-        steps = epochs * -(-rows // batch)
+        self._steps = -(-rows // batch)
+        steps = epochs * self._steps
         if warm * (steps + 1) == 1.0:  # the rate would rise in no time at all
             warm *= 2.0
         self._schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -259,6 +260,18 @@ class Epochs(Descent):
             self._schedule.step()
         self.network.eval()
         return {}
+
+    def state(self) -> State:
+        """Weights, optimiser, and the generator."""
+        return {**super().state(), "chance": self._chance.get_state().numpy()}
+
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back, and the rate."""
+        super().restore(state, history)
+        self._chance.set_state(torch.tensor(state["chance"]))
+        done = len(history) * self._steps
+        self._schedule.load_state_dict({"last_epoch": done - 1, "_step_count": done})
+        self._schedule.step()
 
 
 _CORNERS = 3

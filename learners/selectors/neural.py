@@ -456,8 +456,8 @@ def fit_neural(
     programs = Programs()
     trainer = _Trainer(feasible, infeasible, programs, settings)
     about = {"settings": asdict(settings), "data": f"{dataset.header.digest} {len(train)}"}
-    kept = None if checkpoint is None else Checkpoint(path=checkpoint, about=about)
-    history, network = run(trainer, progress, kept), trainer.boxes.eval()
+    history = run(trainer, progress, Checkpoint.of(checkpoint, about))
+    network = trainer.boxes.eval()
     held = TrainingRows.of(calibration, "feasible")
     room = calibrated_room(network, held, programs, settings)
     if settings.relaxation != "p1" and len(calibration.infeasible):

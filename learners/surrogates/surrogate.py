@@ -45,7 +45,7 @@ from ..selectors.network import (
     undisturbed,
     write_tensors,
 )
-from ..training.loop import StepsDone, run
+from ..training.loop import Checkpoint, StepsDone, run
 from ..zoo import shipped
 from .calibration import (
     ALARM,
@@ -698,10 +698,12 @@ def fit_surrogate(
     progress: StepsDone | None = None,
     *,
     calibration: Dataset | None = None,
+    checkpoint: Path | None = None,
 ) -> Surrogate:
     """Learn from the rows of data sets of one class.
 
     Arguments:
+        checkpoint: file to go on from when learning was stopped.
         calibration: rows to calibrate on, besides the part of the others that is kept for that.
 
     Raises:
@@ -727,6 +729,7 @@ def fit_surrogate(
         problem_class=datasets[0].problem_class,
         origin={"datasets": origin},
         held=held,
+        checkpoint=checkpoint,
     )
     if not any(map(len, surrogate.calibration.values())):
         raise InvalidInput(
@@ -746,6 +749,7 @@ def fit_rows(
     problem_class: str,
     origin: dict[str, Any],
     held: LabelledBatch | None = None,
+    checkpoint: Path | None = None,
 ) -> Surrogate:
     """Learn from labelled problems.
 
@@ -775,6 +779,7 @@ def fit_rows(
             rows.select(learned),
             settings,
             progress,
+            Checkpoint.of(checkpoint, {**origin, "settings": asdict(settings)}),
         )
     surrogate = Surrogate(
         network,
@@ -833,6 +838,7 @@ def _train(
     rows: LabelledBatch,
     settings: SurrogateSettings,
     progress: StepsDone | None,
+    checkpoint: Checkpoint | None,
 ) -> None:
     tokens, corners = map(torch.from_numpy, seen)
     network.fit_scales(tokens, corners)
@@ -848,7 +854,7 @@ def _train(
 
     chance = torch.Generator().manual_seed(settings.seed)
     knobs = {name: getattr(settings, name) for name in ("epochs", "batch", "rate", "decay")}
-    run(Epochs(network, loss, len(wanted), chance, warm=_WARM, **knobs), progress)
+    run(Epochs(network, loss, len(wanted), chance, warm=_WARM, **knobs), progress, checkpoint)
     with torch.no_grad():  # margins come back in their own unit
         last = network.head[-1]
         assert isinstance(last, torch.nn.Linear)

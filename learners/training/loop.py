@@ -56,6 +56,11 @@ class Checkpoint:
     path: Path
     about: Mapping[str, Any]
 
+    @classmethod
+    def of(cls, path: Path | None, about: Mapping[str, Any]) -> Checkpoint | None:
+        """That of a run in this file; None without one."""
+        return None if path is None else cls(path=path, about=about)
+
     def write(self, fit: Fit, history: list[Record]) -> None:
         """Keep where a run is."""
         header = {"format": FORMAT, "about": self.about, "history": history}

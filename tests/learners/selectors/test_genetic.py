@@ -198,8 +198,7 @@ def test_a_run_improves_on_its_first_generation(
         first_generation(dataset.points, 12, np.random.default_rng(3)), trials.all()
     )
     first = fitness(a, b, settings)
-    found = fitness(np.array([result.a]), np.array([result.b]), settings)[0]
-    assert found > first.max()
+    assert fitness(np.array([result.a]), np.array([result.b]), settings)[0] > first.max()
     assert result.history[-1].mean > result.history[0].mean + 0.3
     assert result.history[-1].variance < result.history[0].variance
 
