@@ -146,7 +146,13 @@ class Fit:
             **({} if self.config is None else read_yaml(self.config)),
         }
         with progress(f"fit {self.method}") as bar:
-            scorer: Any = fit(self.dataset[0], self.method, progress=bar, **settings)
+            scorer: Any = fit(
+                self.dataset[0],
+                self.method,
+                checkpoint=self.checkpoint,
+                progress=bar,
+                **settings,
+            )
         scorer.write(self.out)
         origin = scorer.origin
         tell(
@@ -164,7 +170,12 @@ class Fit:
         settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
         with progress(f"fit {self.method}") as bar:
             surrogate = fit(
-                rows, "surrogate", calibration=self.calibration, progress=bar, **settings
+                rows,
+                "surrogate",
+                calibration=self.calibration,
+                checkpoint=self.checkpoint,
+                progress=bar,
+                **settings,
             )
         surrogate.save(self.out)
         card = surrogate.provenance

@@ -32,7 +32,7 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1432, 16869),
-    "cli": (3440, 39850),
+    "cli": (3440, 39860),
     "configs": (3, 30),
     "envs": (3129, 42904),
     "learners": (5265, 77775),
