@@ -16,7 +16,7 @@ from stancekit import (
     Plan,
     Problem,
 )
-from stancekit.learners.leaps.kinds import FORMAT, SCORER, Scores
+from stancekit.learners.leaps.kinds import SCORER, Scores
 from stancekit.planners.answer.motion import Motion
 from stancekit.planners.arguments import came, checked
 from stancekit.planners.files.documents import read_json, read_text, read_yaml, shown
@@ -172,18 +172,9 @@ def _read(path: Path) -> Any:
     if (str(path) in builtin_courses() or drawn_name(str(path))) and not path.exists():
         return read_course(path)
     if path.suffix == SCORER:
-        from stancekit.learners.selectors.selector import load_selector, safetensors_format
+        from stancekit.learners.selectors.selector import read_weights
 
-        format_ = safetensors_format(path)
-        if format_ == FORMAT:
-            from stancekit.learners.leaps.policy import LeapScorer  # torch takes a while to load
-
-            return LeapScorer.read(path)
-        if str(format_).startswith("stancekit/surrogate/"):
-            from stancekit.learners.surrogates.surrogate import Surrogate
-
-            return Surrogate.read(path)
-        return load_selector(path)
+        return read_weights(path)
     if path.suffix in (".yaml", ".yml"):
         data = read_yaml(path)
         if is_leap(data):

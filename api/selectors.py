@@ -179,8 +179,8 @@ def fit(
             sum over the toes, and "set", a network that sees all candidates; both need torch.
         calibration: rows to calibrate a neural selector on; None for a part of the data set. For
             "surrogate" further rows, in addition to that part.
-        checkpoint: file ("rl": folder) by which "ga", "neural" and "rl" go on where they were
-            stopped.
+        checkpoint: file ("rl": folder) by which a method that takes long goes on where it was
+            stopped: all but "heuristic", "quantile", "modes" and both of mixtures.
         workers: processes of "ga", or an executor; the result does not depend on them.
         progress: function called with the number of steps done and the number in all.
         settings: fields of ``learners.training.fit_settings.FitSettings``: share, clusters,
@@ -205,21 +205,22 @@ def fit(
         >>> stancekit.fit(train, "quantile", share=0.1).envelopes.legs
         ('RF', 'RR', 'LM')
     """
+    kept = None if checkpoint is None else Path(checkpoint)
     if method in KINDS:
-        if calibration is not None or checkpoint is not None or workers != 1:
+        if calibration is not None or workers != 1:
             raise InvalidInput(
-                f"method: expected no calibration, checkpoint or workers with {method}, got some"
+                f"method: expected no calibration or workers with {method}, got some"
             )
-        return _scorer(dataset, method, settings, progress)
+        return _scorer(dataset, method, settings, progress, kept)
     if isinstance(dataset, LeapTries):
         raise InvalidInput(
             f"method: expected {' or '.join(KINDS)} with tries of leaps, got {method}"
         )
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
     if method == _SURROGATE:
-        if checkpoint is not None or workers != 1:
-            raise InvalidInput(f"method: expected no checkpoint or workers with {method}, got some")
-        return _surrogate(several, calibration, settings, progress)
+        if workers != 1:
+            raise InvalidInput(f"method: expected no workers with {method}, got some")
+        return _surrogate(several, calibration, settings, progress, kept)
     rows, typed_settings = [rows_of(each) for each in several], typed(FitSettings, settings, "")
     typed_settings.check_used(method)
     if workers != 1 and method not in SPREAD:
@@ -232,13 +233,17 @@ def fit(
         typed_settings,
         progress,
         calibration=None if calibration is None else rows_of(calibration),
-        checkpoint=None if checkpoint is None else Path(checkpoint),
+        checkpoint=kept,
         run=_executor(workers),
     )
 
 
 def _scorer(
-    dataset: Any, method: Any, settings: Mapping[str, Any], progress: Progress | None
+    dataset: Any,
+    method: Any,
+    settings: Mapping[str, Any],
+    progress: Progress | None,
+    kept: Path | None,
 ) -> LeapScorer:
     """Scores of leaps' candidates from labelled tries."""
     rows = open_rows(dataset) if isinstance(dataset, str | Path) else dataset
@@ -253,7 +258,7 @@ def _scorer(
         )  # torch takes a while to load
     except ImportError as error:
         raise missing(method, error) from None
-    return fit_scorer(rows, method, typed(ScorerSettings, settings, ""), progress)
+    return fit_scorer(rows, method, typed(ScorerSettings, settings, ""), progress, kept)
 
 
 def _surrogate(
@@ -261,6 +266,7 @@ def _surrogate(
     calibration: Rows | None,
     settings: Mapping[str, Any],
     progress: Progress | None,
+    kept: Path | None,
 ) -> Surrogate:
     """A surrogate of feasibility from labelled rows."""
     try:
@@ -272,6 +278,7 @@ def _surrogate(
         typed(SurrogateSettings, settings, ""),
         progress,
         calibration=None if calibration is None else rows_of(calibration),
+        checkpoint=kept,
     )
 
 

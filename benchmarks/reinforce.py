@@ -281,7 +281,7 @@ def learned(
     seconds: list[float] = []
     for seed in range(arguments.seeds):
         where, begin = folder / f"{name}-{seed}", time.process_time()
-        resume = (where / "checkpoint.safetensors").exists()
+        resume = (where / "checkpoint.npz").exists()
         ended = train(replace(config, seed=seed), where, resume=resume, scenes=scenes)
         curves.append(ended.curve)
         policies.append(ended.policy)

@@ -82,7 +82,7 @@ class Fit:
     """Data set folder to calibrate a neural selector on; without it a part of the data set is kept
     for that. Of surrogate: further rows to calibrate on."""
     checkpoint: OptionalPath = None
-    """File (rl: folder) by which ga, neural and rl go on where they were stopped."""
+    """File (rl: folder) by which a method that takes long goes on where it was stopped."""
     workers: int = 1
     """Processes of ga, which tests a generation on all of them; the result does not depend on
     them."""
@@ -144,7 +144,13 @@ class Fit:
             **({} if self.config is None else read_yaml(self.config)),
         }
         with progress(f"fit {self.method}") as bar:
-            scorer: Any = fit(self.dataset[0], self.method, progress=bar, **settings)
+            scorer: Any = fit(
+                self.dataset[0],
+                self.method,
+                checkpoint=self.checkpoint,
+                progress=bar,
+                **settings,
+            )
         scorer.write(self.out)
         origin = scorer.origin
         tell(
@@ -162,7 +168,12 @@ class Fit:
         settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
         with progress(f"fit {self.method}") as bar:
             surrogate = fit(
-                rows, "surrogate", calibration=self.calibration, progress=bar, **settings
+                rows,
+                "surrogate",
+                calibration=self.calibration,
+                checkpoint=self.checkpoint,
+                progress=bar,
+                **settings,
             )
         surrogate.save(self.out)
         card = surrogate.provenance

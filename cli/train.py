@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 class Train:
     """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 by PPO, as a file says.
 
-    The folder gets policy.safetensors (loaded without pickle), checkpoint.safetensors, curve.jsonl
+    The folder gets policy.safetensors (loaded without pickle), checkpoint.npz, curve.jsonl
     (held-out figures after every segment) and the labelled scenes. A run that is stopped, however
     hard, goes on with --resume and ends with the policy that it would have ended with.
 

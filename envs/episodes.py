@@ -7,7 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import shown
 
-from .reward import Terms
+from .reward import Step, Terms
 
 Observation = Mapping[str, NDArray[Any]]
 
@@ -180,22 +180,6 @@ _WINDOW = "stancekit"
 Episode = TypeVar("Episode")
 
 
-class Step(NamedTuple):
-    """Outcome of an action, before terms of one's own.
-
-    Arguments:
-        reward: of the environment's own terms.
-        question, answer: what terms of one's own see, beside the rest.
-    """
-
-    reward: float
-    terminated: bool
-    truncated: bool
-    info: dict[str, Any]
-    question: Any = None
-    answer: Any = None
-
-
 class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode]):
     """An environment but for its task, which has the spaces, and says how an episode begins, what
     an action does, what is seen then, and how it is drawn.
@@ -228,12 +212,13 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
         episode = self._now("the first step")
         if self._is_over(episode):
             raise gym.error.ResetNeeded("the episode is over: reset the environment")
-        reward, terminated, truncated, info, question, answer = self._act(episode, action)
-        own = self._terms.after(question, answer, action, info, terminated, truncated)
+        done = self._act(episode, action)
+        own = self._terms.of(done)
         if self.render_mode == "human":
             self.render()
-        reward = float(sum((reward, *own.values())))
-        return self._observe(episode), reward, terminated, truncated, info | own
+        reward = float(sum((done.reward, *own.values())))
+        info = {**done.info, **own}
+        return self._observe(episode), reward, done.terminated, done.truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the episode as it is now; for "human" on the screen, or, on a machine without one,
@@ -265,6 +250,13 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
         if self._episode is None:
             raise gym.error.ResetNeeded(f"reset the environment before {before}")
         return self._episode
+
+    def _try_terms(self, question: Any, info: Mapping[str, Any], terminated: bool = False) -> None:
+        """Ask terms of one's own about a question of which nothing was tried: what they may not bear
+        is told at once.
+        """
+        action = np.zeros(self.action_space.shape or (), dtype=np.int64)[()]
+        self._terms.of(Step(question=question, action=action, info=info, terminated=terminated))
 
     @abstractmethod
     def _begin(self) -> tuple[Episode, dict[str, Any]]:

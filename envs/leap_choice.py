@@ -32,8 +32,8 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
-from .episodes import Step, TaskEnv, boxes, checked_action
-from .reward import USUAL_SEARCH, SearchWeights, weighted
+from .episodes import TaskEnv, boxes, checked_action
+from .reward import USUAL_SEARCH, SearchWeights, Step, weighted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -313,10 +313,9 @@ class LeapChoiceEnv(TaskEnv[_Episode]):
         self._weights, self._terms = weighted(self._settings.weights, SearchWeights)
         leap = self._class.draw(np.random.default_rng(0))
         like = self._begun(leap)
-        choice = np.zeros(like.shape[0], dtype=np.int64)
-        self._terms.after(leap, None, choice, INFO, False, False)
         self.observation_space = _space(like)
         self.action_space = spaces.MultiDiscrete(np.full(like.shape[0], like.shape[1]))
+        self._try_terms(leap, INFO)
 
     def _begin(self) -> tuple[_Episode, dict[str, Any]]:
         if self._scenes is None:
@@ -344,6 +343,7 @@ class LeapChoiceEnv(TaskEnv[_Episode]):
             info=episode.info(),
             question=episode.numbers.leap,
             answer=episode.plan,
+            action=action,
         )
 
     def _observe(self, episode: _Episode) -> _Observation:

@@ -16,16 +16,15 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import BoxSearch
 
-from .episodes import Step, TaskEnv, boxes, checked_action
-from .reward import USUAL_SEARCH, SearchWeights, weighted
-from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info
+from .episodes import TaskEnv, boxes, checked_action
+from .reward import USUAL_SEARCH, SearchWeights, Step, weighted
+from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info, seen
 from .selection import VERTICES, scene_space
 
 if TYPE_CHECKING:
@@ -162,8 +161,7 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
         self._weights, self._terms = weighted(settings.weights, SearchWeights)
         if self._terms.by_key:
             scene = copy.copy(self._scenes).draw(np.random.default_rng(0))
-            info = self._info(self._begun(scene))
-            self._terms.after(scene.problem, None, np.int64(0), info, False, False)
+            self._try_terms(scene.problem, self._info(self._begun(scene)))
 
     def _begin(self) -> tuple[_Refined, dict[str, Any]]:
         """Draw scenes until one is not settled by its first box.
@@ -210,6 +208,7 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
             info=self._info(episode),
             question=scene.problem,
             answer=search.posture if ended else None,
+            action=action,
         )
 
     @property
@@ -236,7 +235,7 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
         node = search.current if search.open else None
         zeros = np.zeros(6 * self._count)
         left = max(0.0, 1.0 - search.solves / self._budget)
-        return observe(scene.scaled) | {
+        return seen(scene) | {
             "low": _seen(zeros if node is None else node.box.low),
             "high": _seen(zeros if node is None else node.box.high),
             "point": _seen(zeros if node is None else node.point),

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, TypeVar
 
 from stancekit.planners.answer.plan import Plan
@@ -93,7 +94,8 @@ def projection(judged: Judged) -> float:
 
 def tightness(judged: Judged) -> float:
     """1 for a box without width, 0 for one as wide as the domain."""
-    return 1.0 - float((judged.envelope.high - judged.envelope.low).mean()) / 2.0
+    widths = judged.envelope.high - judged.envelope.low
+    return 1.0 - float(widths.sum()) / widths.size / 2.0
 
 
 def support(step: Judged | Step) -> float:
@@ -124,6 +126,7 @@ class Step:
     """Arguments of a term of one's own in the environments that do not select: a step, judged.
 
     Arguments:
+        reward: of the environment's own terms.
         question: problem, course, leap or walk of the episode.
         answer: posture, plan of the window, leap or motion that the step ended with, as the
             verifier accepted it, or as the optimiser left it in WarpedGait; None where there is
@@ -133,12 +136,13 @@ class Step:
         terminated, truncated: whether the step ended the episode, and how.
     """
 
-    question: Problem | Leap | Walk
-    answer: Any
+    reward: float = 0.0
+    question: Problem | Leap | Walk | None = None
+    answer: Any = None
     action: Any
     info: Mapping[str, Any]
     terminated: bool
-    truncated: bool
+    truncated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,10 +183,10 @@ class Terms:
     """Terms of a reward.
 
     Arguments:
-        by_key: name, weight and function of each, by the key of ``info`` that has what it comes to.
+        by_key: weight and function of each, by the key of ``info`` that has what it comes to.
     """
 
-    by_key: Mapping[str, tuple[str, float, Term]]
+    by_key: Mapping[str, tuple[float, Term]]
 
     @property
     def nothing(self) -> dict[str, float]:
@@ -194,35 +198,14 @@ class Terms:
 
         Raises InvalidInput where one fails, or gives no finite number.
         """
-        found = {}
-        for key, (name, weight, term) in self.by_key.items():
-            with foreign(f"weights.{name}: expected a number, got"):
-                value = float(term(judged))
-            found[key] = weight * checked(value, f"weights.{name}")
-        return found
+        return {key: weight * term(judged) for key, (weight, term) in self.by_key.items()}
 
-    def after(
-        self,
-        question: Problem | Leap | Walk,
-        answer: Any,
-        action: Any,
-        info: Mapping[str, Any],
-        terminated: bool,
-        truncated: bool,
-    ) -> dict[str, float]:
-        """``of`` a ``Step``, whose arguments these are."""
-        if not self.by_key:
-            return {}
-        return self.of(
-            Step(
-                question=question,
-                answer=answer,
-                action=action,
-                info=info,
-                terminated=terminated,
-                truncated=truncated,
-            )
-        )
+
+def _guarded(term: Term, name: str, judged: Judged | Step) -> float:
+    """The value of a term of one's own, which a message names where it is no finite number."""
+    with foreign(f"weights.{name}: expected a number, got"):
+        value = float(term(judged))
+    return checked(value, f"weights.{name}")
 
 
 def weighted(weights: Any, kind: type[Weights], *, named: bool = False) -> tuple[Weights, Terms]:
@@ -241,18 +224,17 @@ def weighted(weights: Any, kind: type[Weights], *, named: bool = False) -> tuple
     values = asdict(weights) if isinstance(weights, kind) else dict(weights)  # type: ignore[call-overload]
     own = typed(kind, {name: values[name] for name in known if name in values}, "weights")
     every = {name: value for name, value in values.items() if name not in known}
-    terms: dict[str, tuple[str, float, Term]] = {}
+    terms: dict[str, tuple[float, Term]] = {}
     for name, weight in ({**asdict(own), **every} if named else every).items():  # type: ignore[call-overload]
         last = re.sub(r"[^0-9A-Za-z]+", "_", name.rpartition(":")[2])
         key = f"reward_{last}"
         if key in terms or (last in known and name != last):
             raise InvalidInput(f"weights: expected terms of different names, got {key} twice")
         try:
-            terms[key] = (
-                name,
-                checked(weight, f"weights.{name}"),
-                _TERMS.get(name, known=(*known, "support", "push")),
-            )
+            factor = checked(weight, f"weights.{name}")
+            term = _TERMS.get(name, known=(*known, "support", "push"))
+            ours = term.__module__ == __name__
+            terms[key] = factor, term if ours else partial(_guarded, term, name)
         except InvalidInput as error:
             said = re.sub(r"^(reward term|weights\.\S+): ", "", str(error))
             raise InvalidInput(f"weights.{name}: {said}") from None

@@ -31,8 +31,8 @@ from stancekit.planners.verify import check_postures
 from stancekit.runner.control.envelope_choice import Predictor
 
 from .distributions.postures import PostureDistribution, distribution
-from .episodes import Step, TaskEnv, boxes, checked_action
-from .reward import USUAL, Judged, RewardWeights, Terms, weighted
+from .episodes import TaskEnv, boxes, checked_action
+from .reward import USUAL, Judged, RewardWeights, Step, Terms, weighted
 from .scenes import LabelledScene, ProblemSource, SceneSettings, margin_info, seen
 
 if TYPE_CHECKING:
@@ -231,6 +231,8 @@ class SelectionTask:
                     if not next(worst) > ADMITTED
                 },
             )
+            if judged.postures
+            else judged
             for judged, _ in tried
         ]
         share = (time.perf_counter() - begin) / max(len(postures), 1)
@@ -493,7 +495,7 @@ class EnvelopeSelectionEnv(TaskEnv[LabelledScene]):
         """Relax over the chosen boxes, project, compare with the expert; the episode ends."""
         verdict = self._task.judge(episode, action)
         self._shown = verdict.posture, verdict.envelope
-        return Step(verdict.reward, True, False, verdict.info)
+        return Step(reward=verdict.reward, terminated=True, info=verdict.info, action=action)
 
     def _observe(self, episode: LabelledScene) -> dict[str, NDArray[np.float32]]:
         return seen(episode)

@@ -40,8 +40,8 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import SelectorPlanner
 
 from .distributions.courses import perturbed
-from .episodes import Step, TaskEnv, boxes, checked_action
-from .reward import Terms, weighted
+from .episodes import TaskEnv, boxes, checked_action
+from .reward import Step, Terms, weighted
 from .scenes import margin_info
 from .selection import LearnedSelector, class_envelopes
 
@@ -481,8 +481,7 @@ class TraverseEnv(TaskEnv[Problem]):
             plan = replan(None, course, horizon=0, planner=self._start).solution
             if plan is not None:
                 self._walked = [plan]
-                info = self._info(course, _Try())
-                self._terms.after(course, None, np.int64(0), info, False, False)
+                self._try_terms(course, self._info(course, _Try()))
                 self._walked = []
 
     def _begin(self) -> tuple[Problem, dict[str, Any]]:
@@ -522,7 +521,15 @@ class TraverseEnv(TaskEnv[Problem]):
         self._over = terminated or truncated
         info = self._info(course, tried, begin)
         reward = sum(value for name, value in info.items() if name.startswith("reward_"))
-        return Step(reward, terminated, truncated, info, course, tried.plan)
+        return Step(
+            reward=reward,
+            terminated=terminated,
+            truncated=truncated,
+            info=info,
+            question=course,
+            answer=tried.plan,
+            action=action,
+        )
 
     def _drawn(self, episode: Problem) -> Figure:
         """The path so far over the course."""

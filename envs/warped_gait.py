@@ -30,8 +30,8 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import anymal, walker_from
 
 from .distributions.courses import SampledTasks, Tasks
-from .episodes import Step, TaskEnv, boxes, checked_action
-from .reward import Terms, weighted
+from .episodes import TaskEnv, boxes, checked_action
+from .reward import Step, Terms, weighted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -456,7 +456,7 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         self._seen: dict[int, dict[str, NDArray[np.float32]]] = {}
         if self._terms.by_key:
             walk = self._tasks(np.random.default_rng(0)) if self.pool is None else self.pool.walk(0)
-            self._terms.after(walk, None, np.zeros(3, dtype=np.int64), _NOTHING, True, False)
+            self._try_terms(walk, _NOTHING, terminated=True)
 
     def _feet_of(self) -> int:
         """Feet of the walks that a given source draws."""
@@ -487,7 +487,14 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         info = self._info(came_to)
         motion = None if self._found is None else self._found.trajectory
         reward = sum(value for name, value in info.items() if name.startswith("reward_"))
-        return Step(reward, True, False, info, episode, motion)
+        return Step(
+            reward=reward,
+            terminated=True,
+            info=info,
+            question=episode,
+            answer=motion,
+            action=action,
+        )
 
     def _drawn(self, episode: Walk) -> Figure:
         """The terrain with the terrain-following guess, and after a step the motion that was

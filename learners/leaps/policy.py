@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 import torch
@@ -22,18 +22,20 @@ from stancekit.envs.data.leap_tries import LeapTries
 from stancekit.envs.data.ledger import Part
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_choice
-from stancekit.planners.files.documents import check_fields, file_or_named
+from stancekit.planners.files.documents import check_fields, file_or_named, validated
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.scp import OF_CANDIDATE, OF_LEAP, LeapFeatures
 
 from ..selectors.network import (
+    Architecture,
     AttentionBlock,
-    fit_epochs,
+    Epochs,
     load_weights,
     read_tensors,
     undisturbed,
     write_tensors,
 )
+from ..training.loop import Checkpoint, Record, State, StepsDone, run
 from ..zoo import shipped
 from .kinds import FORMAT, KINDS, Kind
 
@@ -226,23 +228,11 @@ class LeapScorer:
         """Read what ``write`` wrote, or the scorer of that name that ships."""
         path = file_or_named(path, shipped("scorers"))
         header, tensors = read_tensors(path, FORMAT)
-        try:
-            kind, sizes = (
-                header["kind"],
-                [int(header[name]) for name in ("width", "layers", "heads")],
-            )
-            if (
-                kind not in KINDS
-                or not all(1 <= size <= 1024 for size in sizes)
-                or sizes[0] % sizes[2]
-            ):
-                raise ValueError
-        except (KeyError, TypeError, ValueError):
-            raise InvalidInput(
-                f"{path}: expected a leap scorer of a kind among {', '.join(KINDS)}, with its sizes"
-            ) from None
+        kind = checked_choice(header.get("kind"), f"{path}: kind", KINDS)
+        given = {name: header.get(name) for name in ("width", "layers", "heads")}
+        sizes = validated(Architecture, given, str(path))
         with torch.device("meta"):
-            network = ScoreNetwork(kind, *sizes)
+            network = ScoreNetwork(cast(Kind, kind), sizes.width, sizes.layers, sizes.heads)
         load_weights(network, tensors, path)
         return cls(network=network.eval(), origin=dict(header.get("origin") or {}))
 
@@ -327,12 +317,48 @@ class _Tries:
         return _Tries(**{name: value[rows] for name, value in vars(self).items()})
 
 
+_BEST = "best."
+
+
+class _Passes(Epochs):
+    """Epochs, of which that with the least loss of held-out scenes is kept."""
+
+    held_out: Callable[[], Tensor]
+    best: tuple[float, dict[str, Tensor]] = (np.inf, {})
+
+    def step(self, number: int) -> Record:
+        """One epoch."""
+        super().step(number)
+        with torch.no_grad():
+            loss = float(self.held_out())
+        if loss < self.best[0]:
+            weights = self.network.state_dict().items()
+            self.best = (loss, {name: value.clone() for name, value in weights})
+        return {"held_out_loss": loss}
+
+    def state(self) -> State:
+        """Also the best weights."""
+        best = {f"{_BEST}{name}": value.numpy() for name, value in self.best[1].items()}
+        return {**super().state(), **best}
+
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back, too."""
+        super().restore(state, history)
+        best = {
+            name.removeprefix(_BEST): torch.tensor(values)
+            for name, values in state.items()
+            if name.startswith(_BEST)
+        }
+        self.best = min(record["held_out_loss"] for record in history), best
+
+
 @undisturbed()
 def fit_scorer(
     tries: LeapTries,
     kind: Kind = "set",
     settings: ScorerSettings = ScorerSettings(),
-    progress: Callable[[int, int], None] | None = None,
+    progress: StepsDone | None = None,
+    checkpoint: Path | None = None,
 ) -> LeapScorer:
     """Learn from the tries of a data set, or of a part of it.
 
@@ -362,25 +388,19 @@ def fit_scorer(
         batch = _mirrored(train[part]) if mirrored else train[part]
         return _loss(network, batch, settings.ranking)
 
-    best: tuple[float, dict[str, Tensor]] = (np.inf, {})
     knobs = {name: getattr(settings, name) for name in ("epochs", "batch", "rate", "decay")}
-    for epoch in fit_epochs(network, loss_of, len(train), generator, warm=_WARM, **knobs):
-        with torch.no_grad():
-            loss = float(_loss(network, test, settings.ranking))
-        if loss < best[0]:
-            best = (loss, {name: value.clone() for name, value in network.state_dict().items()})
-        if progress is not None:
-            progress(epoch, settings.epochs)
-    network.load_state_dict(best[1])
-    origin = {
+    fit = _Passes(network, loss_of, len(train), generator, warm=_WARM, **knobs)
+    fit.held_out = lambda: _loss(network, test, settings.ranking)
+    about = {
         "method": kind,
         "settings": vars(settings),
         "rows": int(rows.there.sum()),
         "class": tries.problem_class,
         "seed": tries.header.plan.seed,
-        "held_out_loss": best[0],
     }
-    return LeapScorer(network=network.eval(), origin=origin)
+    run(fit, progress, Checkpoint.of(checkpoint, {**about, "data": tries.header.digest}))
+    network.load_state_dict(fit.best[1])
+    return LeapScorer(network=network.eval(), origin={**about, "held_out_loss": fit.best[0]})
 
 
 def _rows(tries: LeapTries, part: str = "all", most: int | None = None) -> _Tries:

@@ -227,34 +227,6 @@ class FeasibilityOracle(Protocol):
         """
 
 
-class SolvingOracle:
-    """Solves P1 for every problem and box: the plain loop."""
-
-    def __init__(self, problems: Sequence[Scaled], programs: Programs) -> None:
-        self._problems, self._programs = _of_one_size(problems), programs
-        self.counts = VerdictCounts()
-
-    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
-        """Decide for every box whether P1 over it is feasible for each of the problems with the
-        indices ``which``.
-
-        Returns truth values, shape (len(boxes), len(which)).
-        """
-        margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(
-            len(boxes), -1
-        )
-        done = self.counts
-        unknown = done.unknown + int(np.isnan(margins).sum())
-        self.counts = VerdictCounts(solved=done.solved + margins.size, unknown=unknown)
-        return margins <= FEASIBLE_MARGIN
-
-    def _margin(self, k: int, box: Envelope) -> float:
-        problem = self._problems[k]
-        program = self._programs.get(McCormick, problem.layout)
-        margins = (program.solve(problem, near).margin for near in _tries(box))
-        return next((margin for margin in margins if not np.isnan(margin)), float("nan"))
-
-
 class CachingOracle:
     """Solves P1 only where no witness and no certificate kept of earlier solves settles it.
 

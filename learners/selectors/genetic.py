@@ -12,11 +12,10 @@ by the luck of the draw.) The result keeps to b ≤ δ over all problems where a
 from __future__ import annotations
 
 import hashlib
-import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,13 +26,22 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, archive_of, checked_int, read_archive
-from stancekit.planners.files.documents import check_fields, parse_json, shown
-from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.files.arrays import Array, checked_int
+from stancekit.planners.files.documents import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..data.executors import Executor, processes
+from ..training.loop import (
+    Checkpoint,
+    Fit,
+    Record,
+    State,
+    StepsDone,
+    draw_on,
+    drawn_from,
+    run as run_fit,
+)
 from .feasibility import CachingOracle, FeasibilityOracle, Index, SpreadOracle, VerdictCounts
 from .selector import quantile_box
 
@@ -59,56 +67,66 @@ class BoxDescent:
         check_fields(self)
 
 
-def descend(
-    start: Envelope,
-    feasible: Sequence[Scaled],
-    infeasible: Sequence[Scaled],
-    programs: Programs,
-    rng: np.random.Generator,
-    settings: BoxDescent = BoxDescent(),
-    progress: Callable[[int, float], None] | None = None,
-) -> Envelope:
-    """``descend_together`` for one box."""
-    return descend_together((start,), feasible, infeasible, programs, rng, settings, progress)[0]
-
-
-def descend_together(
-    starts: Sequence[Envelope],
-    feasible: Sequence[Scaled],
-    infeasible: Sequence[Scaled],
-    programs: Programs,
-    rng: np.random.Generator,
-    settings: BoxDescent = BoxDescent(),
-    progress: Callable[[int, float], None] | None = None,
-) -> tuple[Envelope, ...]:
-    """Return the boxes after Adam on  mean σ(t/τ) over feasible + mean σ(−t/τ) over infeasible
-    problems.
+class BoxFit(Fit):
+    """Boxes moved by Adam down  mean σ(t/τ) over feasible + mean σ(−t/τ) over infeasible problems.
 
     t is P1's signed margin over the set, the least over its boxes (a binary each), and σ the
     logistic function, so the loss is a smooth count of P1's mistakes, both kinds weighing the same:
-    see ``smooth_mistakes``. ``progress`` gets the step and the batch's loss.
+    see ``smooth_mistakes``.
     """
-    bounds = np.stack([start.to_vector() for start in starts])
-    first, second = np.zeros_like(bounds), np.zeros_like(bounds)
-    for step in range(settings.steps):
-        loss, slope = 0.0, np.zeros_like(bounds)
-        envelopes = [Envelope.from_vector(row) for row in bounds]
-        for problems, sign in ((feasible, 1.0), (infeasible, -1.0)):
-            chosen = rng.choice(
-                len(problems), size=min(settings.batch, len(problems)), replace=False
-            )
+
+    def __init__(
+        self,
+        starts: Sequence[Envelope],
+        feasible: Sequence[Scaled],
+        infeasible: Sequence[Scaled],
+        programs: Programs,
+        rng: np.random.Generator,
+        settings: BoxDescent,
+    ) -> None:
+        self._problems, self._programs = ((feasible, 1.0), (infeasible, -1.0)), programs
+        self._rng, self._settings, self.total = rng, settings, settings.steps
+        self._bounds = np.stack([start.to_vector() for start in starts])
+        self._first, self._second = np.zeros_like(self._bounds), np.zeros_like(self._bounds)
+
+    @property
+    def envelopes(self) -> tuple[Envelope, ...]:
+        """The boxes as they are now."""
+        return tuple(Envelope.from_vector(row) for row in self._bounds)
+
+    def step(self, number: int) -> Record:
+        """One batch of each label."""
+        settings, loss, slope = self._settings, 0.0, np.zeros_like(self._bounds)
+        for problems, sign in self._problems:
+            size = min(settings.batch, len(problems))
+            chosen = self._rng.choice(len(problems), size=size, replace=False)
             value, gradient = smooth_mistakes(
-                envelopes, [problems[i] for i in chosen], sign, programs, softness=settings.softness
+                self.envelopes,
+                [problems[i] for i in chosen],
+                sign,
+                self._programs,
+                softness=settings.softness,
             )
             loss, slope = loss + value, slope + gradient
-        first, second = 0.9 * first + 0.1 * slope, 0.99 * second + 0.01 * slope**2
-        rate = settings.rate * 0.1 ** (step / settings.steps)
-        root = np.sqrt(second / (1.0 - 0.99 ** (step + 1)))
-        bounds = bounds - rate * (first / (1.0 - 0.9 ** (step + 1))) / (root + 1e-8)
-        bounds = np.stack([_in_domain(row) for row in bounds])
-        if progress is not None:
-            progress(step, loss)
-    return tuple(Envelope.from_vector(row) for row in bounds)
+        self._first = 0.9 * self._first + 0.1 * slope
+        self._second = 0.99 * self._second + 0.01 * slope**2
+        rate = settings.rate * 0.1 ** (number / settings.steps)
+        root = np.sqrt(self._second / (1.0 - 0.99 ** (number + 1)))
+        bounds = self._bounds - rate * (self._first / (1.0 - 0.9 ** (number + 1))) / (root + 1e-8)
+        self._bounds = np.stack([_in_domain(row) for row in bounds])
+        return {"loss": loss}
+
+    def state(self) -> State:
+        """Bounds, Adam's moments, and the generator."""
+        moments = {"bounds": self._bounds, "first": self._first, "second": self._second}
+        return {**moments, "chance": drawn_from(self._rng)}
+
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back."""
+        self._bounds, self._first, self._second = (
+            state[name].reshape(self._bounds.shape) for name in ("bounds", "first", "second")
+        )
+        draw_on(self._rng, state["chance"])
 
 
 def smooth_mistakes(
@@ -175,13 +193,15 @@ def fit_gradient(
     batch: int = 100,
     share: float = 0.05,
     seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
+    progress: StepsDone | None = None,
+    checkpoint: Path | None = None,
 ) -> EnvelopeSet:
     """Learn a set of boxes together, from the quantile boxes of as many Gaussian clusters of S.
 
     Arguments:
         share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is
             called with steps done and steps in all.
+        checkpoint: file to go on from when learning was stopped.
 
     Raises:
         InvalidInput: where the data set has too few rows of a label.
@@ -195,31 +215,23 @@ def fit_gradient(
         )
     feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
     infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
-    losses: list[float] = []
-
-    def on_progress(step: int, loss: float) -> None:
-        losses.append(loss)
-        if progress is not None:
-            progress(step + 1, steps)
-
-    envelopes = descend_together(
+    boxes_to_fit = BoxFit(
         clustered_boxes(dataset.points, boxes, share=share, seed=seed),
         feasible,
         infeasible,
         Programs(),
         np.random.default_rng(seed),
         settings,
-        on_progress,
     )
-    provenance = {
-        "method": "gradient",
-        "settings": asdict(settings) | {"boxes": boxes, "share": share, "seed": seed},
-        "rows": len(dataset),
-        **dataset.origin,
-        "notes": {"losses": losses},
-    }
+    knobs = asdict(settings) | {"boxes": boxes, "share": share, "seed": seed}
+    about = {"method": "gradient", "settings": knobs, "rows": len(dataset), **dataset.origin}
+    records = run_fit(boxes_to_fit, progress, Checkpoint.of(checkpoint, about))
+    losses = [record["loss"] for record in records]
     return EnvelopeSet.for_problems(
-        dataset.problem_class, list(dataset.problems()), envelopes, provenance
+        dataset.problem_class,
+        list(dataset.problems()),
+        boxes_to_fit.envelopes,
+        {**about, "notes": {"losses": losses}},
     )
 
 
@@ -254,9 +266,6 @@ def _logistic(x: float) -> float:
     return float(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))
 
 
-FORMAT = "stancekit/evolution/1"
-
-
 @dataclass(frozen=True, kw_only=True)
 class Generation:
     """One tested generation.
@@ -281,96 +290,15 @@ class Generation:
     cached: int
     counts: VerdictCounts
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _GeneticRun:
-    """State of a run.
-
-    Arguments:
-        population: to be tested next, or the last one in order of rank, shape (P, 2, N, 6).
-    """
-
-    population: Array
-    history: Sequence[Generation]
-
-
-def _write_checkpoint(
-    path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: _GeneticRun
-) -> None:
-    """Write population, history and the state of the generator, whole or not at all.
-
-    Arguments:
-        about: what the run is of.
-    """
-    numbers = [
-        [value for value in asdict(done).values() if not isinstance(value, dict)]
-        for done in run.history
-    ]
-    arrays = {
-        "format": FORMAT,
-        "digest": _digest(about),
-        "state": json.dumps(rng.bit_generator.state),
-        "population": run.population,
-        "history": np.array(numbers, dtype=np.float64),
-        "counts": np.array([astuple(done.counts) for done in run.history], dtype=np.int64),
-    }
-    write_bytes(path, archive_of(arrays))
-
-
-def _read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator) -> _GeneticRun:
-    """Read what ``_write_checkpoint`` wrote and set the generator to where it was.
-
-    Raises InvalidInput for what is damaged, foreign, or of a run with other settings or data.
-    """
-    arrays = read_archive(path)
-    if set(arrays) != {"format", "digest", "state", "population", "history", "counts"}:
-        raise InvalidInput(
-            f"{path}: expected a checkpoint ({FORMAT}), got the arrays {shown(sorted(arrays))}"
-        )
-    if str(arrays["format"]) != FORMAT:
-        raise InvalidInput(
-            f"{path}: format: expected {FORMAT!r}, got {shown(str(arrays['format']))}"
-        )
-    if str(arrays["digest"]) != _digest(about):
-        raise InvalidInput(
-            f"{path}: expected a checkpoint of these settings and data, got one of others"
-        )
-    try:
-        rng.bit_generator.state = parse_json(str(arrays["state"]), "state")
-        history = [
-            Generation(
-                number=int(row[0]),
-                **dict(zip(_REALS, map(float, row[1:7]), strict=True)),
-                evaluations=int(row[7]),
-                cached=int(row[8]),
-                counts=VerdictCounts(**dict(zip(_KINDS, map(int, counts), strict=True))),
-            )
-            for row, counts in zip(arrays["history"], arrays["counts"], strict=True)
-        ]
-    except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:
-        raise InvalidInput(
-            f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}"
-        ) from None
-    return _GeneticRun(population=arrays["population"], history=history)
-
-
-def _digest(about: Mapping[str, Any]) -> str:
-    """SHA-256 of settings and data."""
-    plain = {name: value for name, value in about.items() if not isinstance(value, np.ndarray)}
-    whole = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
-    for name in sorted(set(about) - set(plain)):
-        whole.update(np.ascontiguousarray(about[name], dtype=np.float64).tobytes())
-    return whole.hexdigest()
-
-
-_REALS = ("mean", "variance", "best", "a", "b", "mutation_rate")
-_KINDS = tuple(f.name for f in fields(VerdictCounts))
+    @classmethod
+    def of(cls, record: Record) -> Generation:
+        """From what a checkpoint has of it."""
+        return cls(**{**record, "counts": VerdictCounts(**record["counts"])})
 
 
 _DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (Lin et al. §II)."""
 _Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-_OnProgress = Callable[[Generation], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -519,7 +447,7 @@ def evolve(
     *,
     oracle: FeasibilityOracle | None = None,
     checkpoint: Path | None = None,
-    progress: _OnProgress | None = None,
+    progress: StepsDone | None = None,
 ) -> GeneticResult:
     """Run the genetic algorithm.
 
@@ -530,48 +458,53 @@ def evolve(
         checkpoint: file that is written after every generation; if it exists, the run resumes from
             it. The result is the same as without an interruption, except for ``counts``, which
             count only the work of this run.
-        progress: is called after every generation.
+        progress: gets generations done and in all.
 
     Raises:
         InvalidInput: also for the checkpoint of another run.
     """
     trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
-    rng = np.random.default_rng(settings.seed)
+    evolution = Evolution(trials, points, settings)
     patches = np.stack([problem.patches for problem in (*problems_feasible, *problems_infeasible)])
-    about = {
-        "settings": asdict(settings),
-        "labels": trials.sizes,
-        "points": np.asarray(points),
-        "patches": patches,
-    }
-    run = (
-        _read_checkpoint(checkpoint, about, rng)
-        if checkpoint is not None and checkpoint.exists()
-        else None
-    )
-    run = run or _GeneticRun(
-        population=first_generation(points, settings.population, rng), history=[]
-    )
-    population, history = run.population, list(run.history)
-    while len(history) < settings.generations:
-        before, number = trials.counts, len(history)
-        a, b = trials.shares(population, trials.draw(rng))
+    data = hashlib.sha256(patches.tobytes() + np.ascontiguousarray(points).tobytes())
+    about = {"settings": asdict(settings), "labels": trials.sizes, "data": data.hexdigest()}
+    records = run_fit(evolution, progress, Checkpoint.of(checkpoint, about))
+    history = [Generation.of(record) for record in records]
+    return finish(evolution.population[: settings.finalists], trials, settings, history)
+
+
+class Evolution(Fit):
+    """Generations, each tested, ranked and, but for the last, bred from.
+
+    Arguments:
+        points: see ``evolve``.
+    """
+
+    def __init__(self, trials: Trials, points: Array, settings: GeneticSettings) -> None:
+        self._trials, self._settings, self.total = trials, settings, settings.generations
+        self._rng = np.random.default_rng(settings.seed)
+        self.population = first_generation(points, settings.population, self._rng)
+        self._spread = np.maximum(points.std(axis=0), 1e-3)
+
+    def step(self, number: int) -> Record:
+        """Test a generation, and breed the next."""
+        settings, before = self._settings, self._trials.counts
+        a, b = self._trials.shares(self.population, self._trials.draw(self._rng))
         rate = settings.mutation_rate(number)
-        history.append(generation(number, a, b, settings, rate, trials.counts - before))
-        if progress is not None:
-            progress(history[-1])
-        order = ranking(a, b, settings)
-        if len(history) == settings.generations:
-            population = population[order]
-        else:
-            population = breed(
-                population[order], np.maximum(points.std(axis=0), 1e-3), rate, settings, rng
-            )
-        if checkpoint is not None:
-            _write_checkpoint(
-                checkpoint, about, rng, _GeneticRun(population=population, history=history)
-            )
-    return finish(population[: settings.finalists], trials, settings, history)
+        tested = generation(number, a, b, settings, rate, self._trials.counts - before)
+        self.population = self.population[ranking(a, b, settings)]
+        if number + 1 < self.total:
+            self.population = breed(self.population, self._spread, rate, settings, self._rng)
+        return asdict(tested)
+
+    def state(self) -> State:
+        """The population, to be tested next or in order of rank, and the generator."""
+        return {"population": self.population, "chance": drawn_from(self._rng)}
+
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back."""
+        self.population = state["population"].reshape(self.population.shape)
+        draw_on(self._rng, state["chance"])
 
 
 def generation(
@@ -663,7 +596,7 @@ def breed(
 def fit_genetic(
     dataset: Dataset,
     settings: GeneticSettings = GeneticSettings(),
-    progress: Callable[[int, int], None] | None = None,
+    progress: StepsDone | None = None,
     *,
     checkpoint: Path | None = None,
     run: Executor | None = None,
@@ -686,10 +619,6 @@ def fit_genetic(
             f"{len(infeasible)} infeasible"
         )
 
-    def on_progress(done: Generation) -> None:
-        if progress is not None:
-            progress(done.number + 1, settings.generations)
-
     oracle = SpreadOracle([*feasible, *infeasible], run or processes(1))
     result = evolve(
         feasible,
@@ -698,7 +627,7 @@ def fit_genetic(
         settings,
         oracle=oracle,
         checkpoint=checkpoint,
-        progress=on_progress,
+        progress=progress,
     )
     provenance = {
         "method": "ga",

@@ -30,6 +30,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import check_fields, open_file, parse_json
 from stancekit.planners.files.writing import write_bytes
 
+from ..training.loop import Fit, Record, State
+
 _KEY = "stancekit"
 """The one key of a file's metadata, which holds the JSON header with its ``format``; several have
 no fixed order."""
@@ -170,69 +172,106 @@ def check_shapes(
         )
 
 
-_ADAM = "adam."
+_ADAM, _NETWORK = "adam.", "network."
 
 
-def of_optimiser(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
-    """What an optimiser has seen, as tensors of a checkpoint."""
-    return {
-        f"{_ADAM}{index}.{name}": torch.as_tensor(value)
-        for index, slot in optimiser.state_dict()["state"].items()
-        for name, value in slot.items()
-    }
+class Descent(Fit):
+    """A network that is fitted by AdamW.
+
+    Arguments:
+        rate, decay: AdamW's, and that of its weights.
+    """
+
+    def __init__(self, network: nn.Module, rate: float, decay: float) -> None:
+        self.network = network
+        self.optimiser: torch.optim.Optimizer = torch.optim.AdamW(
+            network.parameters(), lr=rate, weight_decay=decay
+        )
+
+    def down(self, loss: Tensor) -> float:
+        """One step down a loss, its gradient clipped to 1; the loss."""
+        self.optimiser.zero_grad()
+        torch.autograd.backward(loss)
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self.optimiser.step()
+        return float(loss.detach())
+
+    def state(self) -> State:
+        """Weights, and what the optimiser has seen."""
+        tensors = {f"{_NETWORK}{name}": each for name, each in self.network.state_dict().items()}
+        for index, slot in self.optimiser.state_dict()["state"].items():
+            tensors |= {f"{_ADAM}{index}.{name}": value for name, value in slot.items()}
+        return {name: torch.as_tensor(value).numpy() for name, value in tensors.items()}
+
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back."""
+        seen: dict[int, dict[str, Tensor]] = {}
+        for name in filter(lambda name: name.startswith(_ADAM), state):
+            _, index, slot = name.split(".")
+            seen.setdefault(int(index), {})[slot] = torch.tensor(state[name])
+        weights = {
+            name.removeprefix(_NETWORK): torch.tensor(values)
+            for name, values in state.items()
+            if name.startswith(_NETWORK)
+        }
+        load_weights(self.network, weights, "checkpoint")
+        self.optimiser.load_state_dict({**self.optimiser.state_dict(), "state": seen})
 
 
-def load_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, Tensor]) -> None:
-    """Put an optimiser back, by the tensors of a checkpoint."""
-    state: dict[int, dict[str, Tensor]] = {}
-    for name in filter(lambda name: name.startswith(_ADAM), tensors):
-        _, index, slot = name.split(".")
-        state.setdefault(int(index), {})[slot] = tensors[name]
-    optimiser.load_state_dict({**optimiser.state_dict(), "state": state})
-
-
-def fit_epochs(
-    network: nn.Module,
-    loss: Callable[[Tensor], Tensor],
-    rows: int,
-    chance: torch.Generator,
-    *,
-    epochs: int,
-    batch: int,
-    rate: float,
-    decay: float,
-    warm: float,
-) -> Iterator[int]:
-    """Fit a network to its rows in shuffled batches, at a rate that rises and falls once; after
-    every epoch its number, from 1, with the network as it is to be used.
+class Epochs(Descent):
+    """A network fitted to its rows in shuffled batches, at a rate that rises and falls once; after
+    every epoch it is as it is to be used.
 
     Arguments:
         loss: of the rows with these numbers.
-        rate, decay: AdamW's largest, and that of its weights.
+        rate: the largest.
         warm: share of the steps in which the rate rises.
     """
-    optimiser = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=decay)
-    steps = epochs * -(-rows // batch)
-    if warm * (steps + 1) == 1.0:  # the rate would rise in no time at all
-        warm *= 2.0
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, rate, total_steps=steps + 1, pct_start=warm
-    )
-    for epoch in range(epochs):
-        network.train()
-        for part in torch.split(torch.randperm(rows, generator=chance), batch):
-            descend(network, optimiser, loss(part))
-            schedule.step()
-        network.eval()
-        yield epoch + 1
 
+    def __init__(
+        self,
+        network: nn.Module,
+        loss: Callable[[Tensor], Tensor],
+        rows: int,
+        chance: torch.Generator,
+        *,
+        epochs: int,
+        batch: int,
+        rate: float,
+        decay: float,
+        warm: float,
+    ) -> None:
+        super().__init__(network, rate, decay)
+        self._loss, self._rows, self._chance = loss, rows, chance
+        self.total, self._batch = epochs, batch
+        self._steps = -(-rows // batch)
+        steps = epochs * self._steps
+        if warm * (steps + 1) == 1.0:  # the rate would rise in no time at all
+            warm *= 2.0
+        self._schedule = torch.optim.lr_scheduler.OneCycleLR(
+            self.optimiser, rate, total_steps=steps + 1, pct_start=warm
+        )
 
-def descend(network: nn.Module, optimiser: torch.optim.Optimizer, loss: Tensor) -> None:
-    """One step down a loss, its gradient clipped to 1."""
-    optimiser.zero_grad()
-    torch.autograd.backward(loss)
-    nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-    optimiser.step()
+    def step(self, number: int) -> Record:
+        """One epoch."""
+        self.network.train()
+        for part in torch.split(torch.randperm(self._rows, generator=self._chance), self._batch):
+            self.down(self._loss(part))
+            self._schedule.step()
+        self.network.eval()
+        return {}
+
+    def state(self) -> State:
+        """Weights, optimiser, and the generator."""
+        return {**super().state(), "chance": self._chance.get_state().numpy()}
+
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back, and the rate."""
+        super().restore(state, history)
+        self._chance.set_state(torch.tensor(state["chance"]))
+        done = len(history) * self._steps
+        self._schedule.load_state_dict({"last_epoch": done - 1, "_step_count": done})
+        self._schedule.step()
 
 
 _CORNERS = 3

@@ -5,7 +5,7 @@ P1's margins.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,17 +27,16 @@ from stancekit.planners.files.documents import check_fields, validated
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, RELAXATIONS
 
+from ..training.loop import Checkpoint, Record, StepsDone, run
 from .network import (
     Architecture,
     Boxes,
     BoxNetwork,
+    Descent,
     Mirror,
     SceneTensors,
     as_arrays,
-    descend,
-    load_optimiser,
     load_weights,
-    of_optimiser,
     pinball,
     read_tensors,
     undisturbed,
@@ -107,9 +106,9 @@ def margins(
     return margins_of_boxes
 
 
-Progress = Callable[[int, int], None]
 _Share = Annotated[float, Field(gt=0.0, lt=1.0)]
-_CHECKPOINT = "stancekit/neural-checkpoint/1"
+_DECAY = 1e-4
+"""Of the weights, in both stages."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -185,14 +184,8 @@ class TrainingRows:
         return len(self.problems)
 
 
-class _Trainer:
-    """Both stages over one data set, an epoch at a time.
-
-    history: one record an epoch, with the mean loss.
-
-    Arguments:
-        checkpoint: file written after every epoch, and gone on from.
-    """
+class _Trainer(Descent):
+    """Both stages over one data set, an epoch at a time."""
 
     def __init__(
         self,
@@ -200,46 +193,24 @@ class _Trainer:
         infeasible: TrainingRows | None,
         programs: Programs,
         settings: NeuralSettings,
-        digest: str,
-        checkpoint: Path | None = None,
     ) -> None:
-        self.history: list[dict[str, Any]] = []
-        self._feasible, self._infeasible, self._programs, self._settings = (
-            feasible,
-            infeasible,
-            programs,
-            settings,
-        )
-        self._run = {"settings": asdict(settings), "data": digest}
-        self._checkpoint = checkpoint
+        self._feasible, self._infeasible = feasible, infeasible
+        self._programs, self._settings = programs, settings
         self._mirror = Mirror.of(feasible.scenes)
         with undisturbed(settings.seed):
-            self.network = BoxNetwork.of_data(
-                settings.architecture, feasible.scenes, feasible.points
-            )
-        self._optimizer = self._fresh(settings.rate)
-        self._stage = 1
-        self._resume()
+            self.boxes = BoxNetwork.of_data(settings.architecture, feasible.scenes, feasible.points)
+        self.total = settings.epochs + (settings.margin_epochs if infeasible else 0)
+        super().__init__(self.boxes, settings.rate, _DECAY)
 
-    @property
-    def total(self) -> int:
-        """Epochs of both stages."""
-        return self._settings.epochs + (self._settings.margin_epochs if self._infeasible else 0)
-
-    def run(self, progress: Progress | None = None) -> BoxNetwork:
-        """Train what is left of both stages; ``progress`` gets epochs done and epochs in all."""
-        while len(self.history) < self.total:
-            epoch = len(self.history)
-            stage = 1 if epoch < self._settings.epochs else 2
-            if stage != self._stage:
-                self._stage, self._optimizer = stage, self._fresh(self._settings.margin_rate)
-            self.network.train()
-            loss = self._regress(epoch) if stage == 1 else self._descend(epoch)
-            self.history.append({"stage": stage, "epoch": epoch + 1, "loss": loss})
-            self._save()
-            if progress is not None:
-                progress(epoch + 1, self.total)
-        return self.network.eval()
+    def step(self, number: int) -> Record:
+        """One epoch; the second stage begins with an optimiser of its own."""
+        settings, stage = self._settings, 1 if number < self._settings.epochs else 2
+        if number == settings.epochs:
+            super().__init__(self.boxes, settings.margin_rate, _DECAY)
+        self.boxes.train()
+        loss = self._regress(number) if stage == 1 else self._descend(number)
+        self.boxes.eval()
+        return {"stage": stage, "epoch": number + 1, "loss": loss}
 
     def _regress(self, epoch: int) -> float:
         """One pass of quantile regression over the feasible rows."""
@@ -255,8 +226,8 @@ class _Trainer:
                     self._mirror.scenes(scenes, flipped),
                     self._mirror.points(points, flipped),
                 )
-            loss = self._regression(self.network(scenes), points)
-            total += self._step(loss) * len(rows)
+            loss = self._regression(self.boxes(scenes), points)
+            total += self.down(loss) * len(rows)
         return total / len(self._feasible)
 
     def _descend(self, epoch: int) -> float:
@@ -289,7 +260,7 @@ class _Trainer:
                     -self._margins(self._infeasible, lost, chance)[1] / settings.softness
                 ).mean()
             )
-            total += self._step(loss)
+            total += self.down(loss)
         return total / steps
 
     def _regression(self, boxes: Boxes, points: Tensor) -> Tensor:
@@ -308,18 +279,12 @@ class _Trainer:
         """
         flipped = self._flipped(len(chosen), chance)
         scenes = rows.scenes[chosen]
-        boxes = self.network(
-            scenes if self._mirror is None else self._mirror.scenes(scenes, flipped)
-        )
+        boxes = self.boxes(scenes if self._mirror is None else self._mirror.scenes(scenes, flipped))
         if self._mirror is not None:
             boxes = self._mirror.boxes(boxes, flipped)
         low, high, _ = boxes
         problems = [rows.problems[int(i)] for i in chosen]
         return boxes, margins(low, high, problems, self._programs, self._settings.relaxation)
-
-    def _step(self, loss: Tensor) -> float:
-        descend(self.network, self._optimizer, loss)
-        return float(loss.detach())
 
     def _set_rate(self, rate: float, done: float) -> None:
         """Rise over the first tenth of a stage, then fall along a cosine."""
@@ -328,11 +293,8 @@ class _Trainer:
             if done < 0.1
             else 0.5 * (1.0 + math.cos(math.pi * (done - 0.1) / 0.9))
         )
-        for group in self._optimizer.param_groups:
+        for group in self.optimiser.param_groups:
             group["lr"] = rate * max(factor, 1e-3)
-
-    def _fresh(self, rate: float) -> torch.optim.AdamW:
-        return torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
 
     def _chance(self, epoch: int) -> torch.Generator:
         state = np.random.SeedSequence([self._settings.seed, epoch]).generate_state(1)
@@ -340,41 +302,6 @@ class _Trainer:
 
     def _flipped(self, count: int, chance: torch.Generator) -> Tensor:
         return torch.rand(count, generator=chance) < 0.5
-
-    def _save(self) -> None:
-        if self._checkpoint is None:
-            return
-        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
-        write_tensors(
-            self._checkpoint,
-            _CHECKPOINT,
-            {"run": self._run, "history": self.history},
-            tensors | of_optimiser(self._optimizer),
-        )
-
-    def _resume(self) -> None:
-        """Go on from the checkpoint where there is one.
-
-        Raises InvalidInput where it belongs to another run.
-        """
-        if self._checkpoint is None or not self._checkpoint.exists():
-            return
-        header, tensors = read_tensors(self._checkpoint, _CHECKPOINT)
-        if header.get("run") != self._run or not header.get("history"):
-            raise InvalidInput(
-                f"{self._checkpoint}: expected a checkpoint of these settings and rows, got "
-                "another's"
-            )
-        self.history = list(header["history"])
-        self._stage = self.history[-1]["stage"]
-        weights = {
-            name.removeprefix("network."): tensor
-            for name, tensor in tensors.items()
-            if "network." in name
-        }
-        load_weights(self.network, weights, self._checkpoint)
-        self._optimizer = self._fresh(self._settings.rate)
-        load_optimiser(self._optimizer, tensors)
 
 
 FORMAT = "stancekit/neural/1"
@@ -501,7 +428,7 @@ class NeuralSelector(MemorylessPolicy):
 def fit_neural(
     dataset: Dataset,
     settings: NeuralSettings = NeuralSettings(),
-    progress: Progress | None = None,
+    progress: StepsDone | None = None,
     *,
     calibration: Dataset | None = None,
     checkpoint: Path | None = None,
@@ -527,9 +454,10 @@ def fit_neural(
     feasible = TrainingRows.of(train, "feasible")
     infeasible = TrainingRows.of(train, "infeasible") if settings.margin_epochs else None
     programs = Programs()
-    digest = f"{dataset.header.digest} {len(train)}"
-    trainer = _Trainer(feasible, infeasible, programs, settings, digest, checkpoint)
-    network = trainer.run(progress)
+    trainer = _Trainer(feasible, infeasible, programs, settings)
+    about = {"settings": asdict(settings), "data": f"{dataset.header.digest} {len(train)}"}
+    history = run(trainer, progress, Checkpoint.of(checkpoint, about))
+    network = trainer.boxes.eval()
     held = TrainingRows.of(calibration, "feasible")
     room = calibrated_room(network, held, programs, settings)
     if settings.relaxation != "p1" and len(calibration.infeasible):
@@ -556,7 +484,7 @@ def fit_neural(
             "calibration_rows": len(held),
             "calibration": calibration.origin,
             **dataset.origin,
-            "history": trainer.history,
+            "history": history,
         },
     )
 

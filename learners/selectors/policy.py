@@ -23,11 +23,11 @@ from stancekit.envs.episodes import Observation
 from stancekit.envs.refinement import refinement_space
 from stancekit.envs.selection import scene_space
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.documents import shown, validated
 from stancekit.planners.relaxation.envelope import Envelope
 
-from .network import check_shapes, read_tensors, undisturbed, write_tensors
+from .network import load_weights, read_tensors, undisturbed, write_tensors
 
 FORMAT = "stancekit/policy/1"
 EnvironmentName = Literal["stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"]
@@ -217,10 +217,8 @@ class TrainedPolicy:
         steps: int = 0,
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
-        self.shape = shape
-        self.policy = policy
-        self.base = base
-        self.steps = steps
+        self.shape, self.policy, self.base, self.steps = shape, policy, base, steps
+        self.problem_class = shape.problem
         self.provenance = dict(provenance or {})
 
     @undisturbed()
@@ -259,22 +257,11 @@ class TrainedPolicy:
         Raises InvalidInput for a file that is damaged, foreign or for another class of problems.
         """
         header, tensors = read_tensors(path, FORMAT)
-        if set(header) != {"shape", "steps", "provenance"}:
-            raise InvalidInput(
-                f"{path}: expected a header with shape, steps and provenance, got {sorted(header)}"
-            )
-        steps, provenance = header["steps"], header["provenance"]
-        if (
-            not isinstance(steps, int)
-            or isinstance(steps, bool)
-            or steps < 0
-            or not isinstance(provenance, dict)
-        ):
-            raise InvalidInput(
-                f"{path}: expected steps, a whole number, and provenance, an object; got "
-                f"{shown(steps)}"
-            )
-        shape = validated(PolicyShape, header["shape"], str(path))
+        shape = validated(PolicyShape, header.get("shape"), str(path))
+        provenance = header.get("provenance")
+        steps = checked_int(header.get("steps"), f"{path}: steps")
+        if not isinstance(provenance, dict):
+            raise InvalidInput(f"{path}: provenance: expected an object, got {shown(provenance)}")
         if problem is not None and shape.problem != problem:
             raise InvalidInput(
                 f"{path}: expected a policy for {problem}, got one for {shape.problem}"
@@ -286,21 +273,15 @@ class TrainedPolicy:
             )
         policy = shape.build()
         base = tensors.pop("base", torch.zeros(0))
-        wanted = {
-            f"policy.{name}": tuple(value.shape) for name, value in policy.state_dict().items()
-        }
-        check_shapes(path, wanted, tensors)
+        weights = {name.removeprefix("policy."): value for name, value in tensors.items()}
+        load_weights(policy, weights, path)
         if tuple(base.shape) != ((12 * shape.contacts,) if shape.selects else (0,)):
             raise InvalidInput(
                 f"{path}: tensor base: expected the bounds of {shape.contacts} contacts, got something else"
             )
-        policy.load_state_dict(
-            {name.removeprefix("policy."): value for name, value in tensors.items()}
-        )
         policy.set_training_mode(False)
-        return cls(
-            shape, policy, base.numpy().astype(np.float64), steps=steps, provenance=provenance
-        )
+        values = base.numpy().astype(np.float64)
+        return cls(shape, policy, values, steps=steps, provenance=provenance)
 
 
 def moved(base: Array, offset: float, action: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -9,6 +9,8 @@ import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from pkgutil import resolve_name
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -33,6 +35,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, rule_of_thumb
 
 from ..data.labelling import Quota
+from ..leaps.kinds import Scores
 from ..zoo import card_of, shipped
 
 if TYPE_CHECKING:
@@ -301,36 +304,44 @@ def load_selector(path: str | Path) -> Learned:
     if _is_own(str(path)):
         return _own_selector(str(path))
     path = file_or_named(path, shipped("selectors"))
-    kind = safetensors_format(path) if path.is_file() else None
-    if kind is None and path.suffix == ".safetensors" and path.is_file():
-        raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")
-    if kind is None:
+    if path.suffix != ".safetensors" and not (path.is_file() and safetensors_format(path)):
         return Learned.fixed(path.stem, read_envelopes(path))
+    found = read_weights(path)
+    if not isinstance(found, Learned):
+        raise InvalidInput(f"{path}: expected a selector, got a {type(found).__name__}")
+    return found
+
+
+_WEIGHTS: Mapping[str, str] = MappingProxyType(
+    {
+        "stancekit/neural/1": "stancekit.learners.selectors.neural:NeuralSelector.load",
+        "stancekit/policy/1": "stancekit.learners.selectors.policy:TrainedPolicy.load",
+        "stancekit/leap-scorer/1": "stancekit.learners.leaps.policy:LeapScorer.read",
+        "stancekit/surrogate/2": "stancekit.learners.surrogates.surrogate:Surrogate.read",
+    }
+)
+"""Readers of files of weights, by the format that a file says it has; they need torch."""
+
+
+def read_weights(path: Path) -> Any:
+    """Read what a file of weights holds: a ``Learned``, the scores of leaps, or a surrogate.
+
+    Raises InvalidInput for what is missing, damaged or foreign, and where torch is missing.
+    """
+    kind = safetensors_format(path)
+    if kind is None:
+        raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")
+    if kind not in _WEIGHTS:
+        raise InvalidInput(f"{path}: expected format {', '.join(_WEIGHTS)}, got {kind:.60}")
     try:
-        return _network(kind, path)
+        found = resolve_name(_WEIGHTS[kind])(path)
     except ImportError as error:
         raise not_installed(str(path), error.name, kind, "rl") from None
-
-
-def _network(kind: str, path: Path) -> Learned:
-    """A selector that needs torch."""
-    if kind == "stancekit/neural/1":
-        from .neural import NeuralSelector
-
-        neural = NeuralSelector.load(path)
-        return Learned.of(neural, kind, neural.problem_class)
-    if kind == "stancekit/policy/1":
-        from .policy import TrainedPolicy
-
-        policy = TrainedPolicy.load(path)
-        if not policy.shape.selects:
-            got = policy.shape.environment
-            raise InvalidInput(
-                f"{path}: expected a policy that chooses envelopes, got one for {got}"
-            )
-        return Learned(selector=policy, problem_class=policy.shape.problem)
-    known = "stancekit/envelope/1, stancekit/neural/1 or stancekit/policy/1"
-    raise InvalidInput(f"{path}: expected format {known}, got {kind:.60}")
+    if kind == "stancekit/policy/1" and not found.shape.selects:
+        raise InvalidInput(
+            f"{path}: expected a policy that chooses envelopes, got one for {found.shape.environment}"
+        )
+    return found if isinstance(found, Scores) else Learned.of(found, kind, ANY)
 
 
 def safetensors_format(path: Path) -> str | None:

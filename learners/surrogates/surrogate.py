@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,12 +39,13 @@ from stancekit.planners.relaxation.envelope import check_learned
 from ..selectors.network import (
     Architecture,
     AttentionBlock,
-    fit_epochs,
+    Epochs,
     load_weights,
     read_tensors,
     undisturbed,
     write_tensors,
 )
+from ..training.loop import Checkpoint, StepsDone, run
 from ..zoo import shipped
 from .calibration import (
     ALARM,
@@ -694,13 +695,15 @@ class SurrogateSettings:
 def fit_surrogate(
     datasets: Sequence[Dataset],
     settings: SurrogateSettings = SurrogateSettings(),
-    progress: Callable[[int, int], None] | None = None,
+    progress: StepsDone | None = None,
     *,
     calibration: Dataset | None = None,
+    checkpoint: Path | None = None,
 ) -> Surrogate:
     """Learn from the rows of data sets of one class.
 
     Arguments:
+        checkpoint: file to go on from when learning was stopped.
         calibration: rows to calibrate on, besides the part of the others that is kept for that.
 
     Raises:
@@ -726,6 +729,7 @@ def fit_surrogate(
         problem_class=datasets[0].problem_class,
         origin={"datasets": origin},
         held=held,
+        checkpoint=checkpoint,
     )
     if not any(map(len, surrogate.calibration.values())):
         raise InvalidInput(
@@ -740,11 +744,12 @@ def fit_surrogate(
 def fit_rows(
     rows: LabelledBatch,
     settings: SurrogateSettings,
-    progress: Callable[[int, int], None] | None = None,
+    progress: StepsDone | None = None,
     *,
     problem_class: str,
     origin: dict[str, Any],
     held: LabelledBatch | None = None,
+    checkpoint: Path | None = None,
 ) -> Surrogate:
     """Learn from labelled problems.
 
@@ -774,6 +779,7 @@ def fit_rows(
             rows.select(learned),
             settings,
             progress,
+            Checkpoint.of(checkpoint, {**origin, "settings": asdict(settings)}),
         )
     surrogate = Surrogate(
         network,
@@ -831,7 +837,8 @@ def _train(
     seen: Features,
     rows: LabelledBatch,
     settings: SurrogateSettings,
-    progress: Callable[[int, int], None] | None,
+    progress: StepsDone | None,
+    checkpoint: Checkpoint | None,
 ) -> None:
     tokens, corners = map(torch.from_numpy, seen)
     network.fit_scales(tokens, corners)
@@ -847,9 +854,7 @@ def _train(
 
     chance = torch.Generator().manual_seed(settings.seed)
     knobs = {name: getattr(settings, name) for name in ("epochs", "batch", "rate", "decay")}
-    for epoch in fit_epochs(network, loss, len(wanted), chance, warm=_WARM, **knobs):
-        if progress is not None:
-            progress(epoch, settings.epochs)
+    run(Epochs(network, loss, len(wanted), chance, warm=_WARM, **knobs), progress, checkpoint)
     with torch.no_grad():  # margins come back in their own unit
         last = network.head[-1]
         assert isinstance(last, torch.nn.Linear)

@@ -23,9 +23,10 @@ from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executors import Executor
-from ..selectors.genetic import BoxDescent, GeneticSettings, descend, fit_genetic, fit_gradient
+from ..selectors.genetic import BoxDescent, BoxFit, GeneticSettings, fit_genetic, fit_gradient
 from ..selectors.mixture import fit_as_printed, fit_improved, modes_of
 from ..selectors.selector import Learned, fitted, heuristic_envelope, quantile_box
+from .loop import StepsDone, run
 
 if TYPE_CHECKING:
     from .reinforce import TrainConfig
@@ -46,7 +47,6 @@ KNOBS: Mapping[str, tuple[str, ...]] = {
     "rl": ("rl",),
 }
 """Settings by the method that they concern."""
-EpochsDone = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,7 +169,7 @@ class FitRequest:
 
     datasets: tuple[Dataset, ...]
     settings: FitSettings = FitSettings()
-    progress: EpochsDone | None = None
+    progress: StepsDone | None = None
     calibration: Dataset | None = None
     checkpoint: Path | None = None
     run: Executor | None = None
@@ -201,7 +201,7 @@ def fit(
     method: str,
     dataset: Dataset,
     settings: FitSettings = FitSettings(),
-    progress: EpochsDone | None = None,
+    progress: StepsDone | None = None,
     *,
     checkpoint: Path | None = None,
     run: Executor | None = None,
@@ -236,6 +236,7 @@ def fit(
             share=settings.share,
             seed=settings.seed,
             progress=progress,
+            checkpoint=checkpoint,
         )
     envelopes, notes = _envelope_rows(method, dataset, settings, progress)
     provenance = {
@@ -251,7 +252,7 @@ def fit(
 
 
 def _envelope_rows(
-    method: str, dataset: Dataset, settings: FitSettings, progress: EpochsDone | None
+    method: str, dataset: Dataset, settings: FitSettings, progress: StepsDone | None
 ) -> tuple[tuple[Envelope, ...], dict[str, Any]]:
     points = dataset.points
     if method == "quantile":
@@ -280,32 +281,25 @@ def _envelope_rows(
 
 
 def _margin_fit(
-    dataset: Dataset, settings: FitSettings, progress: EpochsDone | None
+    dataset: Dataset, settings: FitSettings, progress: StepsDone | None
 ) -> Callable[[Envelope, NDArray[np.intp]], Envelope]:
     """Boundary_fit by P1's margins over the members' problems and all infeasible ones."""
     feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
     infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
-    programs = Programs()
-    done = 0
+    programs, done = Programs(), 0
 
-    def on_progress(step: int, loss: float) -> None:
+    def count(*_: int) -> None:
         nonlocal done
         done += 1
         if progress is not None:
             progress(done, settings.steps * settings.clusters)
 
     def boundary_fit(start: Envelope, members: NDArray[np.intp]) -> Envelope:
-        rng = np.random.default_rng(settings.seed)
-        mine = [feasible[i] for i in members]
-        return descend(
-            start,
-            mine,
-            infeasible,
-            programs,
-            rng,
-            BoxDescent(steps=settings.steps, batch=settings.batch),
-            on_progress,
-        )
+        rng, mine = np.random.default_rng(settings.seed), [feasible[i] for i in members]
+        knobs = BoxDescent(steps=settings.steps, batch=settings.batch)
+        box = BoxFit((start,), mine, infeasible, programs, rng, knobs)
+        run(box, count)
+        return box.envelopes[0]
 
     return boundary_fit
 
@@ -335,7 +329,7 @@ def learn(
     method: str,
     dataset: Dataset | Sequence[Dataset],
     settings: FitSettings = FitSettings(),
-    progress: EpochsDone | None = None,
+    progress: StepsDone | None = None,
     *,
     calibration: Dataset | None = None,
     checkpoint: Path | None = None,

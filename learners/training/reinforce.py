@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
@@ -28,7 +27,6 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.utils import FloatSchedule, set_random_seed
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
-from torch import Tensor
 
 from stancekit.envs.data.dataset import Dataset, scenes_of
 from stancekit.envs.data.ledger import LabelPlan
@@ -49,14 +47,7 @@ from stancekit.planners.search.exact import BoxSearch
 from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.labelling import Progress, Quota, label
-from ..selectors.network import (
-    check_shapes,
-    load_optimiser,
-    of_optimiser,
-    read_tensors,
-    undisturbed,
-    write_tensors,
-)
+from ..selectors.network import Descent, undisturbed
 from ..selectors.neural import NeuralSelector, NeuralSettings, fit_neural, kept_apart
 from ..selectors.policy import (
     EnvironmentName,
@@ -66,6 +57,7 @@ from ..selectors.policy import (
     moved,
 )
 from .fitting import FitRequest, fit
+from .loop import Checkpoint, Record, State, StepsDone, run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -428,57 +420,9 @@ def refinement_vec_env(
     )
 
 
-_CHECKPOINT_FORMAT = "stancekit/training/2"
-NAME = "checkpoint.safetensors"
-
-
-def _write_checkpoint(
-    folder: Path,
-    config: TrainConfig,
-    curve: Sequence[CurvePoint],
-    weights: Mapping[str, Tensor],
-    optimizer: torch.optim.Optimizer,
-    **more: Any,
-) -> None:
-    """Write the checkpoint; then ``curve.jsonl``, which people read.
-
-    Arguments:
-        more: JSON-ready, into the header.
-    """
-    tensors = {f"policy.{name}": value for name, value in weights.items()}
-    tensors |= of_optimiser(optimizer)
-    header = {"config": asdict(config), "curve": [asdict(point) for point in curve], **more}
-    write_tensors(folder / NAME, _CHECKPOINT_FORMAT, header, tensors)
-    write_text(folder / "curve.jsonl", "".join(json.dumps(asdict(point)) + "\n" for point in curve))
-
-
-def _read_checkpoint(
-    path: Path, config: TrainConfig, module: torch.nn.Module, optimizer: torch.optim.Optimizer
-) -> tuple[dict[str, Any], list[CurvePoint]]:
-    """Put weights and optimiser back as they were; return the header and the curve.
-
-    Raises InvalidInput where the file is damaged, or of another configuration in more than
-    ``steps``.
-    """
-    header, tensors = read_tensors(path, _CHECKPOINT_FORMAT)
-    mine, theirs = json.loads(json.dumps(asdict(config))), header.get("config")
-    if not isinstance(theirs, dict):
-        raise InvalidInput(f"{path}: expected a configuration in the header, got none")
-    odd = [key for key in mine if key not in ("steps", "workers") and mine[key] != theirs.get(key)]
-    if odd:
-        raise InvalidInput(
-            f"{path}: {odd[0]}: expected {theirs.get(odd[0])} as in the run, got {mine[odd[0]]}"
-        )
-    wanted = {f"policy.{name}": tuple(value.shape) for name, value in module.state_dict().items()}
-    check_shapes(
-        path, wanted, {name: value for name, value in tensors.items() if name.startswith("policy.")}
-    )
-    module.load_state_dict({name.removeprefix("policy."): tensors[name] for name in wanted})
-    load_optimiser(optimizer, tensors)
-    return header, [CurvePoint(**point) for point in header["curve"]]
-
-
-StepsDone = Callable[[int, int], None]
+NAME = "checkpoint.npz"
+_FREE = ("steps", "workers")
+"""Settings in which a run that is gone on with may be another."""
 _log = logging.getLogger(__name__)
 
 
@@ -492,7 +436,7 @@ def train(
     progress: StepsDone | None = None,
     labelling: Callable[[str, int, int], None] | None = None,
 ) -> Trained:
-    """Train, and write ``policy.safetensors``, ``checkpoint.safetensors`` and ``curve.jsonl`` into
+    """Train, and write ``policy.safetensors``, ``checkpoint.npz`` and ``curve.jsonl`` into
     the folder.
 
     Raises InvalidInput.
@@ -508,27 +452,40 @@ def train(
     if checkpoint.exists() and not resume:
         raise InvalidInput(f"{folder}: holds a run already: resume it, or choose another folder")
     if resume and not (folder.is_dir() and any(folder.iterdir())):
-        raise InvalidInput(
-            f"{folder}: expected labels or checkpoint.safetensors to resume from, got nothing"
-        )
+        raise InvalidInput(f"{folder}: expected labels or {NAME} to resume from, got nothing")
     make_folder(folder)
     scenes = scenes or TrainingScenes.label(config, folder, progress=labelling)
     env = _training_env(config, scenes)
+    about = {name: value for name, value in asdict(config).items() if name not in _FREE}
     try:
-        begun = checkpoint if resume and checkpoint.exists() else None
-        return _Run(config, folder, scenes, env).go(begun, progress)
+        fit = _Run(config, folder, scenes, env)
+        run(
+            fit,
+            None if progress is None else partial(_steps_done, progress, config.segment),
+            Checkpoint(path=checkpoint, about=about),
+        )
+        policy = fit.policy()
     finally:
         env.close()
+    policy.save(folder / "policy.safetensors")
+    return Trained(policy=policy, curve=tuple(fit.curve))
 
 
-class _Run:
-    """A run between its environment and its folder."""
+def _steps_done(progress: StepsDone, segment: int, done: int, total: int) -> None:
+    progress((done - 1) * segment, (total - 1) * segment)
+
+
+class _Run(Descent):
+    """A run between its environment and its folder: first the untrained policy is judged, then every
+    step is a segment.
+    """
 
     def __init__(
         self, config: TrainConfig, folder: Path, scenes: TrainingScenes, env: VecEnv
     ) -> None:
         self._config, self._folder, self._scenes, self._env = config, folder, scenes, env
-        self._curve: list[CurvePoint] = []
+        self.curve: list[CurvePoint] = []
+        self.total = 1 - (-config.steps // config.segment)
         kind, arguments = config.shape.policy
         ppo = config.ppo
         set_random_seed(config.seed)
@@ -548,36 +505,32 @@ class _Run:
             seed=config.seed,
         )
         self._model.set_logger(_logger(folder, config.tensorboard))
+        self.network, self.optimiser = self._model.policy, self._model.policy.optimizer
         self._evaluate = evaluator(config, scenes.held_out)
 
-    def go(self, checkpoint: Path | None, progress: StepsDone | None) -> Trained:
-        """Train segment by segment."""
+    def step(self, number: int) -> Record:
+        """Train a segment, from the second step on, and judge on the held-out scenes."""
         config, model = self._config, self._model
-        segments = -(-config.steps // config.segment)
-        if checkpoint is not None:
-            self._restore(checkpoint)
-        else:
-            self._judge()
-        while (number := model.num_timesteps // config.segment) < segments:
-            if progress is not None:
-                progress(model.num_timesteps, segments * config.segment)
-            seed = int(np.random.SeedSequence((config.seed, number)).generate_state(1)[0]) >> 1
+        if number:
+            entropy = np.random.SeedSequence((config.seed, number - 1))
+            seed = int(entropy.generate_state(1)[0]) >> 1
             set_random_seed(seed)
             self._env.seed(seed)
             model._last_obs = None  # the environments begin anew
-            share = number / segments
+            share = (number - 1) / (self.total - 1)
             model.lr_schedule = FloatSchedule(config.ppo.rate * (1.0 - 0.9 * share))
             model.learn(config.segment, reset_num_timesteps=False, log_interval=10**9)
-            self._judge()
-            self._store()
-        if progress is not None:
-            progress(model.num_timesteps, segments * config.segment)
-        policy = self._policy()
-        policy.save(self._folder / "policy.safetensors")
-        return Trained(policy=policy, curve=tuple(self._curve))
+        reward, figures = self._evaluate(self.policy())
+        for name, value in ({"reward": reward} | figures).items():
+            model.logger.record(f"held_out/{name}", value)
+        model.logger.dump(model.num_timesteps)
+        self.curve.append(CurvePoint(steps=model.num_timesteps, reward=reward, figures=figures))
+        lines = [json.dumps(asdict(point)) + "\n" for point in self.curve]
+        write_text(self._folder / "curve.jsonl", "".join(lines))
+        return asdict(self.curve[-1])
 
-    def _policy(self) -> TrainedPolicy:
-        # its own copy: what comes later must not change it
+    def policy(self) -> TrainedPolicy:
+        """A copy of the policy as it is now, which what comes later does not change."""
         policy = self._config.shape.build()
         policy.load_state_dict(self._model.policy.state_dict())
         policy.set_training_mode(False)
@@ -589,39 +542,16 @@ class _Run:
             provenance={"config": asdict(self._config), **self._scenes.origin},
         )
 
-    def _judge(self) -> None:
-        """Evaluate on the held-out scenes."""
-        reward, figures = self._evaluate(self._policy())
-        self._curve.append(
-            CurvePoint(steps=self._model.num_timesteps, reward=reward, figures=figures)
-        )
-        for name, value in ({"reward": reward} | figures).items():
-            self._model.logger.record(f"held_out/{name}", value)
-        self._model.logger.dump(self._model.num_timesteps)
+    def state(self) -> State:
+        """Weights and optimiser, and how often they were updated."""
+        return {**super().state(), "updates": np.array(self._model._n_updates)}
 
-    def _store(self) -> None:
-        """The checkpoint."""
-        model, policy = self._model, self._model.policy
-        _write_checkpoint(
-            self._folder,
-            self._config,
-            self._curve,
-            policy.state_dict(),
-            policy.optimizer,
-            steps=model.num_timesteps,
-            updates=model._n_updates,
-        )
-
-    def _restore(self, path: Path) -> None:
-        """Go back to the checkpoint.
-
-        Raises InvalidInput where it is damaged or of another configuration.
-        """
-        model = self._model
-        header, self._curve = _read_checkpoint(
-            path, self._config, model.policy, model.policy.optimizer
-        )
-        model.num_timesteps, model._n_updates = int(header["steps"]), int(header["updates"])
+    def restore(self, state: State, history: list[Record]) -> None:
+        """Put them back, with the curve."""
+        super().restore(state, history)
+        self.curve = [CurvePoint(**record) for record in history]
+        self._model.num_timesteps = self.curve[-1].steps
+        self._model._n_updates = int(state["updates"])
 
 
 def _training_env(config: TrainConfig, scenes: TrainingScenes) -> VecEnv:
@@ -697,5 +627,5 @@ def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
     with tempfile.TemporaryDirectory() as spare:
         where = request.checkpoint or Path(spare)
         make_folder(where)
-        resume = (where / "checkpoint.safetensors").exists()
+        resume = (where / NAME).exists()
         return train(config, where, resume=resume, scenes=scenes, progress=request.progress).policy

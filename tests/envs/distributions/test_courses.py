@@ -118,8 +118,7 @@ def test_icy_walls_have_ice_at_random_and_the_nearest_panels_as_candidates(frame
     courses = [icy_walls(rng, frames, regions) for _ in range(5)]
     panels = np.array([patch.friction for course in courses for patch in course.terrain])
     assert set(panels.tolist()) == {0.0, 1.0}
-    error = np.sqrt(0.25 / len(panels))
-    assert abs(np.mean(panels == 0.0) - 0.5) < 4.0 * error
+    assert abs(np.mean(panels == 0.0) - 0.5) < 4.0 * np.sqrt(0.25 / len(panels))
     assert {course.frames for course in courses} == {frames}
     assert {len(p.candidates) for course in courses for p in course.footholds} <= set(
         range(1, regions + 1)
@@ -420,8 +419,7 @@ def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
         assert limb.reach_rows is not None
         assert to_json(contact.reach_rows) == to_json(limb.reach_rows)
         np.testing.assert_array_equal(contact.shoulder_m, limb.shoulder_m)
-    again = Problem.from_json(problem.to_json())
-    assert again.to_json() == problem.to_json()
+    assert Problem.from_json(problem.to_json()).to_json() == problem.to_json()
 
 
 def test_the_walls_are_as_far_to_either_side_and_within_the_legs_own_reach(dog: str) -> None:
@@ -615,10 +613,8 @@ def test_scenes_are_cut_from_a_ground_by_its_name_and_are_those_of_its_surface(g
     assert drawn.name == f"terrain-3-on-{ground.replace(':', '-')}"
     field = named_terrain(ground)
     places = drawn.places.points_m[field.contains(drawn.places.points_m[:, :2])]
-    off = np.abs(field.height(places[:, :2]) - places[:, 2])
-    assert np.quantile(off, 0.5) < 1e-3
-    problem = drawn.sample(np.random.default_rng(0))
-    assert len(problem.contacts) == 3
+    assert np.quantile(np.abs(field.height(places[:, :2]) - places[:, 2]), 0.5) < 1e-3
+    assert len(drawn.sample(np.random.default_rng(0)).contacts) == 3
 
 
 def test_a_distribution_in_a_file_names_a_ground_and_no_file_that_would_be_run(tmp_path):

@@ -47,8 +47,7 @@ def test_a_bench_that_was_cut_off_goes_on(whole, tmp_path):
     folder, rows = whole
     lines = (folder / ROWS).read_text().splitlines(keepends=True)
     (tmp_path / ROWS).write_text("".join(lines[:3]) + lines[3][:20])
-    again = run(SMALL, tmp_path)
-    assert counted(again) == counted(rows)
+    assert counted(run(SMALL, tmp_path)) == counted(rows)
     assert [json.loads(line) for line in lines[1:3]] == [
         json.loads(x) for x in (tmp_path / ROWS).open()
     ][1:3]

@@ -209,10 +209,10 @@ def test_bad_input_is_refused_in_one_line(tries, tmp_path):
 @pytest.mark.parametrize(
     ("changed", "name"),
     [
-        ({"heads": 3}, "with its sizes"),
-        ({"kind": "deep"}, "with its sizes"),
-        ({"width": 10**9}, "with its sizes"),
-        ({"layers": "two"}, "with its sizes"),
+        ({"heads": 3}, "width"),
+        ({"kind": "deep"}, "kind"),
+        ({"width": 10**9}, "width"),
+        ({"layers": "two"}, "layers"),
         ({"width": 32}, "tensor"),
     ],
 )

@@ -64,8 +64,7 @@ def poses(
 def test_level_ground_is_feasible_but_where_toes_lack_a_place(level: Path) -> None:
     made = poses(level)
     found = make_map(made, MapSettings())
-    middle = found.verdict[2:-2, 2:-2]
-    assert (middle == FEASIBLE).all()
+    assert (found.verdict[2:-2, 2:-2] == FEASIBLE).all()
     assert (np.stack([found.margin, found.support_m, found.push_n])[:, 2:-2, 2:-2] > 0.0).all()
     assert found.shares()["proved"] == 1.0
     off = made.off.reshape(made.shape)
@@ -82,8 +81,7 @@ def test_without_friction_on_a_slope_friction_is_in_the_way(tmp_path: Path) -> N
         .replace("v 2 2 0", "v 2 2 0.8")
     )
     found = make_map(poses(path, friction=0.2), MapSettings())
-    inner = found.verdict[3:-3, 3:-3]
-    assert (inner == INFEASIBLE).all()
+    assert (found.verdict[3:-3, 3:-3] == INFEASIBLE).all()
     assert set(found.limit[3:-3, 3:-3].ravel().tolist()) == {LIMITS.index("friction")}
     grips = make_map(poses(path, friction=0.8), MapSettings())
     assert (grips.verdict[3:-3, 3:-3] == FEASIBLE).all()
@@ -106,23 +104,20 @@ def test_every_pose_is_in_the_axes_of_its_body(level: Path) -> None:
     middle = int(np.ravel_multi_index((3, 3, 0), made.shape))
     batch = made.batch(np.arange(middle, middle + 8))
     centres = batch.vertices_m.mean(axis=2)
-    off = np.abs(centres - made.stance.centre_m)
-    assert off.max() < 0.02  # of the lattice
+    assert np.abs(centres - made.stance.centre_m).max() < 0.02  # of the lattice
     assert np.allclose(batch.normals, [0.0, 0.0, 1.0])
 
 
 def test_poses_are_proved_from_coarse_to_fine(level: Path) -> None:
     maker = Maker(poses(level, spacing_m=0.2))
     i, j, k = np.unravel_index(maker.coarse_to_fine(), maker.poses.shape)
-    first = np.stack([i, j, k])[:, :10]
-    assert (first[:2] % 4 == 0).all()
+    assert (np.stack([i, j, k])[:, :10][:2] % 4 == 0).all()
     assert len(i) == len(maker.open)
 
 
 def test_what_is_not_reached_is_unknown(level: Path) -> None:
     found = make_map(poses(level, spacing_m=0.2), MapSettings(time_limit_s=1e-6))
-    inner = found.verdict[5:-5, 5:-5]
-    assert (inner == UNKNOWN).all()
+    assert (found.verdict[5:-5, 5:-5] == UNKNOWN).all()
     assert np.isnan([found.margin[5:-5, 5:-5], found.support_m[5:-5, 5:-5]]).all()
 
 
@@ -138,8 +133,7 @@ def test_a_map_goes_on_from_its_file(
     monkeypatch.setattr(Maker, "prove", lambda self, w: (seen.extend(w.tolist()), prove(self, w)))
     found = make_map(made, MapSettings(), checkpoint=path)
     assert len(seen) == len(set(seen)) == int((~made.off).sum()) - 60
-    whole = make_map(made, MapSettings())
-    assert np.array_equal(found.verdict, whole.verdict)
+    assert np.array_equal(found.verdict, make_map(made, MapSettings()).verdict)
     with refuses("friction"):
         make_map(poses(level, spacing_m=0.4, friction=0.6), MapSettings(), checkpoint=path)
 

@@ -3,6 +3,7 @@ boxes get better.
 """
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,15 +11,15 @@ import pytest
 from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.selectors.genetic import (
     BoxDescent,
+    BoxFit,
     clustered_boxes,
-    descend,
-    descend_together,
     fit_gradient,
     margins,
     smooth_mistakes,
     soft_least,
 )
 from stancekit.learners.selectors.selector import quantile_box
+from stancekit.learners.training.loop import Checkpoint, run
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope
@@ -94,24 +95,21 @@ def test_the_soft_least_is_the_least_of_one_and_close_to_the_least_of_several() 
     assert soft_least(values[:1], softness) == (0.3, 1.0)
 
 
-def test_one_box_descends_as_a_set_of_one_and_the_same_every_time(
-    dataset: Dataset, problems: tuple[list[Scaled], list[Scaled]], programs: Programs
+def test_one_box_descends_the_same_every_time_and_from_its_checkpoint(
+    dataset: Dataset,
+    problems: tuple[list[Scaled], list[Scaled]],
+    programs: Programs,
+    tmp_path: Path,
 ) -> None:
     start, settings = quantile_box(dataset.points), BoxDescent(steps=4, batch=10)
     message: list[int] = []
-    alone = descend(
-        start,
-        *problems,
-        programs,
-        np.random.default_rng(5),
-        settings,
-        lambda step, loss: message.append(step),
+    kept = Checkpoint(path=tmp_path / "kept.npz", about={"seed": 5})
+    alone, again = (
+        BoxFit((start,), *problems, programs, np.random.default_rng(5), settings) for _ in range(2)
     )
-    (together,) = descend_together(
-        (start,), *problems, Programs(), np.random.default_rng(5), settings
-    )
-    np.testing.assert_array_equal(alone.to_vector(), together.to_vector())
-    assert message == [0, 1, 2, 3]
+    losses = run(alone, lambda done, _: message.append(done), kept)
+    assert (message, run(again, None, kept)) == ([1, 2, 3, 4], losses)  # nothing is left to do
+    np.testing.assert_array_equal(alone.state()["bounds"], again.state()["bounds"])
 
 
 def test_descent_makes_fewer_mistakes_than_where_it_started(

@@ -19,9 +19,9 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.selectors.network import (
     Architecture,
     BoxNetwork,
+    Epochs,
     Mirror,
     SceneTensors,
-    fit_epochs,
     pinball,
     read_tensors,
     write_tensors,
@@ -40,6 +40,7 @@ from stancekit.learners.selectors.neural import (
     roomy,
 )
 from stancekit.learners.selectors.selector import quantile_box
+from stancekit.learners.training.loop import Checkpoint, run
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Contact, Problem
@@ -422,8 +423,7 @@ def boxes(problems: list[Scaled], seed: int = 0) -> list[torch.Tensor]:
 def test_the_gradient_is_that_of_finite_differences(name: str, relaxation: str) -> None:
     problems, programs = some(name, 2), Programs()
     sides = boxes(problems)
-    at = margins(*sides, problems, programs, relaxation)
-    assert bool((at.abs() > 1e-4).all())
+    assert bool((margins(*sides, problems, programs, relaxation).abs() > 1e-4).all())
     assert torch.autograd.gradcheck(
         lambda low, high: margins(low, high, problems, programs, relaxation),
         sides,
@@ -467,5 +467,23 @@ def test_a_rate_that_would_rise_in_no_time_rises_in_a_step() -> None:
     network, rows = torch.nn.Linear(1, 1), torch.zeros(9, 1)
     chance = torch.Generator().manual_seed(0)
     loss = lambda part: network(rows[part]).square().mean()  # noqa: E731
-    epochs = fit_epochs(network, loss, 9, chance, epochs=1, batch=1, rate=1e-3, decay=0.0, warm=0.1)
-    assert list(epochs) == [1]
+    fit = Epochs(network, loss, 9, chance, epochs=1, batch=1, rate=1e-3, decay=0.0, warm=0.1)
+    assert run(fit) == [{}]
+
+
+def test_epochs_that_were_stopped_end_as_those_that_were_not(tmp_path: Path) -> None:
+    rows, kept = torch.arange(9.0)[:, None], Checkpoint(path=tmp_path / "kept.npz", about={})
+
+    def made(epochs: int) -> Epochs:
+        torch.manual_seed(0)
+        network, chance = torch.nn.Linear(1, 1), torch.Generator().manual_seed(0)
+        loss = lambda part: (network(rows[part]) - rows[part]).square().mean()  # noqa: E731
+        fit = Epochs(network, loss, 9, chance, epochs=3, batch=2, rate=0.1, decay=0.0, warm=0.3)
+        fit.total = epochs
+        return fit
+
+    stopped, resumed, whole = made(2), made(3), made(3)
+    for fit, checkpoint in ((stopped, kept), (resumed, kept), (whole, None)):
+        run(fit, None, checkpoint)
+    for name, value in whole.state().items():
+        np.testing.assert_array_equal(resumed.state()[name], value)

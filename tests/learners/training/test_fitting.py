@@ -142,7 +142,7 @@ def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> No
         (
             (12).to_bytes(8, "little") + b'{"a": "b  "}',
             "x.safetensors",
-            "expected format stancekit/envelope/1, ",
+            "expected format stancekit/neural/1, ",
         ),
     ],
 )

@@ -227,7 +227,7 @@ def test_files_that_are_not_policies_are_refused(scenes, tmp_path):
 
 
 def test_runs_are_not_mixed_up(scenes, tmp_path):
-    with refuses("checkpoint.safetensors"):
+    with refuses("checkpoint.npz"):
         train(config(), tmp_path / "none", resume=True, scenes=scenes)
     train(config(steps=32), tmp_path / "run", scenes=scenes)
     with refuses():
