@@ -26,13 +26,12 @@ from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.report import Execution
 from stancekit.views.film import Frame
 from stancekit.views.gaits import GaitView, draw_motion
+from stancekit.views.leaps import LeapView, draw_leap
 from stancekit.views.plans import (
-    LeapView,
     PlanView,
     View,
     draw_asked,
     draw_execution,
-    draw_leap,
     draw_plan,
 )
 from stancekit.views.postures import draw_posture

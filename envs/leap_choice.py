@@ -364,7 +364,7 @@ class LeapChoiceEnv(TaskEnv[_Episode]):
         """The leap of the last try; on its toes the nominal motion where it has none, and before
         there is one.
         """
-        from stancekit.views.plans import draw_leap
+        from stancekit.views.leaps import draw_leap
         from stancekit.views.sheet import SIZE_PX
 
         return draw_leap(episode.drawn(), size_px=SIZE_PX)

@@ -24,9 +24,9 @@ from stancekit.planners.warp.conformal import fit_map
 from stancekit.runner.motion.time_parametrization import joint_motion
 from stancekit.views.gait_plot import GaitRun, draw_directions, draw_times
 from stancekit.views.gaits import GRID_M, GaitView, draw_motion
+from stancekit.views.leaps import UNJUDGED, LeapView, draw_leap
 from stancekit.views.maps import draw_map
 from stancekit.views.page import page
-from stancekit.views.plans import UNJUDGED, LeapView, draw_leap
 from stancekit.views.scene import Box
 from stancekit.views.sheet import ACCENT, leg_colour, save, to_rgb
 from stancekit.views.still import Still, normals_of
