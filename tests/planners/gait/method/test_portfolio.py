@@ -191,6 +191,7 @@ def test_a_search_that_fails_ends_with_its_time(apart, monkeypatch):
     for module in (budget, transcribed):
         monkeypatch.setattr(module, "time", clock)
     monkeypatch.setattr(budget, "cpu_s", clock.cpu_s)
+    monkeypatch.setattr(budget, "_PATIENCE", 1e6)  # a child is given all the time by the wall
     monkeypatch.setattr(attempt, "formulate", lambda *of: clock.passes(2.0) or write(*of))
     places = {"start": [-2.6, 0.0], "goal": [-0.4, 0.35]}
     steep = Walk(robot=anymal(), terrain=reference_terrain("hill"), **places, duration_s=10.0)
