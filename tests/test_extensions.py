@@ -5,6 +5,7 @@ command.
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -73,8 +74,6 @@ def test_a_relaxation_of_ones_own_is_named_in_solve_plan_and_the_environment(min
         assert own.details["margin"] <= plain.details["margin"] + 1e-6 or np.isinf(
             plain.details["margin"]
         )
-    import gymnasium as gym
-
     env = gym.make(SELECTION, relaxation=name)
     env.reset(seed=1)
     assert np.isfinite(env.step(env.action_space.sample())[1])
@@ -106,8 +105,6 @@ def test_relaxations_that_do_not_fit_are_one_line(learned):
 
 
 def test_a_reward_term_of_ones_own_is_weighed_and_told(mine):
-    import gymnasium as gym
-
     env = gym.make(SELECTION, weights={f"{mine}:spread": 2.0, "agreement": 0.0})
     _, info = env.reset(seed=3)
     assert info["reward_spread"] == 0.0

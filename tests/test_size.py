@@ -65,15 +65,14 @@ NODES = 26
 @cache
 def size(source: str) -> Size:
     """Statements without docstrings, and nodes below them, of a file."""
-    tree = ast.parse(source)
     documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    docstrings = {
-        node.body[0]
-        for node in ast.walk(tree)
-        if isinstance(node, documented) and ast.get_docstring(node, clean=False) is not None
-    }
-    nodes = [node for node in ast.walk(tree) if node not in docstrings]
-    return sum(isinstance(node, ast.stmt) for node in nodes), len(nodes)
+    nodes = list(ast.walk(ast.parse(source)))
+    docstrings = sum(
+        isinstance(node, documented) and ast.get_docstring(node, clean=False) is not None
+        for node in nodes
+    )
+    statements = sum(isinstance(node, ast.stmt) for node in nodes)
+    return statements - docstrings, len(nodes) - docstrings
 
 
 def sizes(root: Path, folders: tuple[str, ...]) -> dict[str, Size]:

@@ -9,6 +9,7 @@ import enum
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -87,26 +88,33 @@ def calls(folder: Path) -> dict[str, Call]:
     held = [outcome.solution for outcome in outcomes if outcome.solution is not None][:3]
     asked = {question.name: question for question in questions()}
     dog = replace(asked["dog-0.48"], keys=asked["dog-0.48"].keys | {"frames": 4}).file(folder)
-    plans = [
-        stancekit.plan(name, frames=4, time_limit_s=LONG_S).solution for name in ("stairs", "walls")
-    ]
-    proofs = [
-        stancekit.plan(asked[name].file(folder))
-        for name in ("slick-2-0.05", "slick-3-0.1", "dog-0.7")
-    ]
     assert len(refuted) == len(held) == 3
-    assert all(plans)
     for k in range(10):
         (folder / f"mine-{k}.py").write_text(FILE, encoding="utf-8")
     files = [folder / f"{k}.json" for k in range(len(problems))]
     for problem, path in zip(problems, files, strict=True):
         stancekit.save(problem, path)
-    stancekit.save(plans[0], folder / "plan.json")
     courses = [("stairs", 4), ("walls", 4), (dog, None)]
 
     def planned(k: int) -> Any:
         course, frames = courses[k % 3]
         return stancekit.plan(course, frames=frames, time_limit_s=LONG_S)
+
+    @cache  # threads ask what one has asked before
+    def kept(k: int) -> Any:
+        plan = stancekit.plan(("stairs", "walls")[k], frames=4, time_limit_s=LONG_S).solution
+        stancekit.save(plan, folder / f"plan-{k}.json")
+        return plan
+
+    @cache
+    def proof(k: int) -> Any:
+        return stancekit.plan(asked[("slick-2-0.05", "slick-3-0.1", "dog-0.7")[k]].file(folder))
+
+    def loaded(k: int) -> Any:
+        if k % 3:
+            return stancekit.load(files[k % 10])
+        kept(0)
+        return stancekit.load(folder / "plan-0.json")
 
     def saved(k: int) -> Any:
         path = folder / f"saved-{k % 3}.json"
@@ -123,14 +131,12 @@ def calls(folder: Path) -> dict[str, Call]:
         "plan": planned,
         "verify": lambda k: stancekit.verify(held[k % len(held)]),
         "verify a proof": lambda k: stancekit.verify(of_proof[k % len(of_proof)]),
-        "verify a plan": lambda k: stancekit.verify(plans[k % 2]),
+        "verify a plan": lambda k: stancekit.verify(kept(k % 2)),
         "explain": lambda k: stancekit.explain(refuted[k % len(refuted)]),
-        "explain a course": lambda k: stancekit.explain(proofs[k % 3]),
+        "explain a course": lambda k: stancekit.explain(proof(k % 3)),
         "label": labelled,
         "evaluate": lambda k: stancekit.evaluate(selectors[k % 2], test, projections=("fix-p",)),
-        "load": lambda k: (
-            stancekit.load(files[k % 10]) if k % 3 else stancekit.load(folder / "plan.json")
-        ),
+        "load": loaded,
         "save": saved,
         "fit quantile": lambda k: (
             stancekit.fit(rows, "quantile", share=(0.0, 0.05, 0.1)[k % 3]).envelopes

@@ -442,7 +442,7 @@ def test_a_symmetric_robot_stands_symmetrically() -> None:
 
 def test_a_place_that_is_refused_is_named_as_it_was_given() -> None:
     with refuses("goal", "(-20, 30)"):
-        stancekit.plan("stairs:0.3:7", start=(0.0, 0.0), goal=(-20.0, 30.0))
+        stancekit.plan("slopes:0.2:1", start=(0.0, 0.0), goal=(-20.0, 30.0))
 
 
 @pytest.mark.parametrize("size", [0.25, 4.0])

@@ -26,14 +26,14 @@ from tests.threads import FILE, PERIOD, Call, calls, digest
 ROOT = Path(__file__).resolve().parents[2]
 THREADS, CALLS = 4, 15
 FEWER = {
-    "plan": 3,
-    "verify a plan": 3,
-    "explain": 4,
-    "explain a course": 6,
-    "label": 4,
-    "evaluate": 6,
-    "fit quantile": 6,
-    "fit gmm": 3,
+    "plan": 2,
+    "verify a plan": 2,
+    "explain": 2,
+    "explain a course": 3,
+    "label": 2,
+    "evaluate": 3,
+    "fit quantile": 3,
+    "fit gmm": 2,
 }
 """Calls of each thread to functions that take long; ``benchmarks/threads.py`` has all of them."""
 REPEATS = {"label": 2, "evaluate": 2, "verify a plan": 2} | dict.fromkeys(

@@ -101,8 +101,8 @@ def test_a_slope_that_friction_forbids_names_friction_and_how_much_it_needs(
     ("profile", "words"),
     [
         ([(-1.0, 0.0), (0.4, 0.0), (0.8, 0.4767), (2.0, 0.4767)], "slope of 50 degrees at (0.4,"),
-        ([(-1.0, 0.0), (0.6, 0.0), (0.6, -0.3), (2.0, -0.3)], "step at (0.6,"),
-        ([(-1.0, 0.0), (0.6, 0.0), (0.6, 0.45), (2.0, 0.45)], "wall at (0.6,"),
+        ([(-1.0, 0.0), (0.4, 0.0), (0.4, -0.3), (1.6, -0.3)], "step at (0.4,"),
+        ([(-1.0, 0.0), (0.4, 0.0), (0.4, 0.45), (1.6, 0.45)], "wall at (0.4,"),
     ],
 )
 def test_what_is_in_the_way_is_named_at_its_place(profile, words, tmp_path):
@@ -110,7 +110,7 @@ def test_what_is_in_the_way_is_named_at_its_place(profile, words, tmp_path):
     lines = [f"v {x} {y} {z}" for x, z in profile for y in (-1.2, 1.2)]
     faces = [f"f {2 * k + 1} {2 * k + 3} {2 * k + 4} {2 * k + 2}" for k in range(len(profile) - 1)]
     path.write_text("\n".join([*lines, *faces, ""]))
-    assert_names(planned(path, (1.3, 0.0)).message, words)
+    assert_names(planned(path, (profile[-1][0] - 0.7, 0.0)).message, words)
 
 
 ANT = Path(__file__).parents[2] / "configs/demo/ant.yaml"

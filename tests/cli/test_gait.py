@@ -16,6 +16,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from stancekit.cli import gait as gait_command
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.formats.motion_file import check_file, read_motion
 from stancekit.views.gaits import GaitView
 from tests.planners.robot.small_urdfs import quadruped
@@ -449,14 +450,19 @@ def test_terrains_robots_and_walks_that_cannot_be_are_one_line(refusal, files, a
     assert refusal("gait", *arguments, "--out", "walk.json").startswith(message)
 
 
-def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_before_any_work(gait):
-    code, _, err = gait(
-        "pit", "--goal", "2.2,0", "--chart", "ambient", "--raw", "--max-iterations", "1"
-    )
+def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_before_any_work(
+    gait, monkeypatch
+):
+    def work(*_):
+        raise PlanningFailed("work")
+
+    monkeypatch.setattr(gait_command.PlanGait, "_plan", work)
+    code, _, err = gait("pit", "--goal", "2.2,0", "--chart", "ambient")
     assert code == 1
     assert err == (
         "pit is 79° at its steepest on the way, and friction 0.75 holds on 37°: there may be no walk. The search "
         "ends after 240 s of CPU time; feet that stick may help: --adhesive LF,RF\n"
+        "stancekit: pit: work\n"
     )
 
 

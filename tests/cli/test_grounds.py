@@ -51,7 +51,7 @@ def test_a_walk_goes_over_the_ground_that_a_plan_stands_on(stancekit):
 
 
 def test_key_frames_go_over_any_ground_by_its_name(stancekit):
-    (smooth,) = stancekit("plan", "rough:0.2:1", "--json").records
+    (smooth,) = stancekit("plan", "rough:0.2:1", "--frames", 3, "--json").records
     assert smooth["status"] == "feasible"
     (between,) = stancekit(
         "plan", "rough:0:1", "--start", "0,0", "--goal", "0.3,0", "--json"

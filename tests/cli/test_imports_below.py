@@ -346,7 +346,7 @@ class Without:
         return (each for each in found if each.metadata["Name"] != "example-robot-data")
 
 sys.meta_path[:] = [each for each in sys.meta_path if each is not PathFinder] + [Without()]
-import cvxpy, scipy.optimize  # what most need and no extra has: loaded once, and forked
+import joblib, scipy.optimize, sklearn.mixture  # what many need and no extra has: loaded once, and forked
 from stancekit.cli.main import main
 for extra, (names, lines) in cases.items():
     if child := os.fork():

@@ -248,7 +248,7 @@ def test_what_fails_on_purpose_is_one_line_and_an_exit_code(
 
 
 def test_a_closed_pipe_ends_it_quietly(write, sampled, tmp_path):
-    file = write("p.jsonl", *(200 * sampled["wall-3"][:1]))
+    file = write("p.jsonl", *(20 * sampled["wall-3"][:1]))
     for command in (
         ["sample", "wall-3", "--count", "2000"],
         ["solve", str(tmp_path / file), "--json"],
@@ -301,10 +301,10 @@ def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_p
     judges = ("scipy", "numpy.f2py", "pinocchio", "coal")
     code = (
         "import sys; from stancekit.cli.main import parse\n"
-        f"command = parse(['plan', 'icy-walls', '--out', {str(tmp_path / 'plan.json')!r}])\n"
+        f"command = parse(['plan', 'icy-walls', '--frames', '2', '--out', {str(tmp_path / 'plan.json')!r}])\n"
         "from stancekit.planners.problem.course_file import read_course\n"
         "from stancekit.planners.search.friction_margin import plan_with_reserve\n"
-        "assert plan_with_reserve(command._planner(), read_course('icy-walls')).solution is not None\n"
+        "assert plan_with_reserve(command._planner(), read_course('icy-walls', frames=2)).solution is not None\n"
         f"assert not set(sys.modules).intersection({judges!r}), 'judges'\n"
         "assert command.run() == 0\n"
         f"assert 'clarabel' in sys.modules; print([name for name in {slow!r} if name in sys.modules])"

@@ -33,13 +33,10 @@ with HeartbeatMonitor(float(sys.argv[1]), "it holds") as monitor:
 """
 
 
-def until(true: Callable[[], bool], limit_s: float) -> float:
-    """How long it takes until this is so."""
-    begin = time.monotonic()
+def until(true: Callable[[], bool]) -> None:
+    """Wait until this is so; a test that hangs has failed."""
     while not true():
-        assert time.monotonic() < begin + limit_s
         time.sleep(0.005)
-    return time.monotonic() - begin
 
 
 @pytest.mark.parametrize(
@@ -86,7 +83,7 @@ def test_it_says_nothing_while_the_host_beats_or_rests_or_takes_its_leave(
 def test_one_that_has_spoken_is_gone(capfd: pytest.CaptureFixture[str]) -> None:
     with HeartbeatMonitor(0.1, "it holds") as monitor:
         monitor.beat()
-        until(lambda: monitor.gone() is not None, 5.0)
+        until(lambda: monitor.gone() is not None)
         assert monitor.gone() == "the heartbeat monitor is gone"
         monitor.beat()  # to nobody
     assert capfd.readouterr().err.count("\n") == 1
@@ -99,7 +96,7 @@ def test_a_heartbeat_monitor_that_is_killed_is_a_reason_to_stop() -> None:
         latch.poll()
         assert not latch.tripped
         os.kill(monitor.pid, signal.SIGKILL)
-        until(lambda: monitor.gone() is not None, 5.0)
+        until(lambda: monitor.gone() is not None)
         latch.poll()
     assert latch.reason == "the heartbeat monitor is gone"
 
@@ -118,7 +115,7 @@ def test_a_heartbeat_monitor_that_stands_still_is_a_reason_to_stop_and_keeps_nob
             time.sleep(0.01)
         pid = monitor.pid
         os.kill(pid, signal.SIGSTOP)
-        until(beaten, 5.0)
+        until(beaten)
         assert monitor.gone() == "the heartbeat monitor does not answer"
         monkeypatch.setattr("stancekit.runner.safety.heartbeat.END_S", 3600.0)  # nobody waits
     with pytest.raises(ProcessLookupError):
@@ -131,11 +128,12 @@ def test_a_close_that_finds_no_room_or_no_reader_ends_the_monitor_all_the_same(
     monkeypatch.setattr("stancekit.runner.safety.heartbeat.END_S", 0.2)
     for beats in (1, 100000):  # more than a pipe has room for
         with HeartbeatMonitor(60.0, "") as monitor:
-            os.kill(monitor.pid, signal.SIGSTOP)
+            pid = monitor.pid
+            os.kill(pid, signal.SIGSTOP)
             for _ in range(beats):
                 monitor.beat()
-            left = time.monotonic()
-        assert time.monotonic() < left + 2.0
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
     assert capfd.readouterr().err == ""
 
 

@@ -77,7 +77,8 @@ def test_the_tasks_of_a_killed_worker_run_again(tmp_path: Path) -> None:
     assert (tmp_path / "died").exists()
 
 
-def test_workers_that_always_die_end_the_run() -> None:
+def test_workers_that_always_die_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(executors, "DEATHS", 2)
     with refuses(kind=StancekitError):
         gather(processes(2), [partial(die, x) for x in range(4)])
 

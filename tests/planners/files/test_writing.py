@@ -251,7 +251,7 @@ def test_a_folder_takes_the_place_of_an_empty_one_or_nothing_changes(tmp_path):
                 assert os.listdir(tmp_path) == ["set"]
                 assert done.code == 0 or FULL in done.said
             shutil.rmtree(tmp_path / "set")
-            assert ended(write, tmp_path).code == 0
+            assert write() == 0
             assert os.listdir(tmp_path) == ["set"]
 
 

@@ -38,7 +38,7 @@ from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.robot.robot_file import provider_folder
 from stancekit.planners.robot.walker import leaping_robot
 from stancekit.planners.verify.leaps import check_leap
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -83,9 +83,8 @@ def leap() -> Leap:
     ],
 )
 def test_a_leap_that_makes_no_sense_says_why(leap: Leap, changes, message) -> None:
-    with pytest.raises(InvalidInput) as said:
+    with refuses(message):
         replace(leap, **changes)
-    assert_names(str(said.value), message)
 
 
 def test_footholds_are_one_per_landing(leap: Leap) -> None:
@@ -111,9 +110,8 @@ def test_footholds_are_one_per_landing(leap: Leap) -> None:
     ],
 )
 def test_parts_of_a_leap_say_what_is_wrong(make, message) -> None:
-    with pytest.raises(InvalidInput) as said:
+    with refuses(message):
         make()
-    assert_names(str(said.value), message)
 
 
 def test_limbs_that_stand_on_are_on_one_foothold() -> None:
@@ -166,9 +164,8 @@ def test_a_robot_whose_urdf_was_changed_in_the_file_is_refused_in_words() -> Non
     data = json.loads((DATA / "leap-hop-anymal.json").read_text())["question"]
     model = data["robot"]["model"]
     model["urdf"] = model["urdf"].replace('effort="80"', 'effort="90"')
-    with pytest.raises(InvalidInput) as said:
+    with refuses("leap.json", "robot anymal", "model"):
         leap_from_keys(data, "leap.json")
-    assert_names(str(said.value), "leap.json", "robot anymal", "model")
 
 
 def test_toes_may_press_less_before_they_lift_than_after_they_land(leap: Leap) -> None:

@@ -11,7 +11,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.terrain import Patch
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 
@@ -112,9 +112,8 @@ def test_what_a_patch_refuses_a_batch_refuses_and_says_where():
             "vertices_m",
         ),
     ):
-        with pytest.raises(InvalidInput) as error:
+        with refuses(message):
             changed(batch, **parts)
-        assert_names(str(error.value), message)
     with refuses("vertices_m"):
         changed(batch, vertices_m=nowhere)
 

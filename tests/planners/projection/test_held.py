@@ -117,12 +117,6 @@ def standing(course, toes):
     return again
 
 
-def toe_cost(plan):
-    """Of the steps of toes, which are held and so no part of the program's objective."""
-    steps = [plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, plan.problem.frames)]
-    return plan.problem.weights.toe_step * float(np.sum(np.square(steps)))
-
-
 def test_a_linearised_step_that_leaves_no_moment_and_does_not_move_the_toes_is_a_point_of_fix_toes(
     climb, programs
 ):

@@ -28,7 +28,7 @@ from stancekit.planners.robot.walker import contact_robot, sets_of
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
-from tests.refusals import assert_names
+from tests.refusals import assert_names, refuses
 
 from .small_urdfs import quadruped
 
@@ -133,9 +133,8 @@ def test_legs_that_make_no_sense_are_refused(
         **data["robot"]["limbs"],
         "LF": {**FOUR["robot"]["limbs"]["LF"], **limb},
     }
-    with pytest.raises(InvalidInput) as error:
+    with refuses(message):
         spec_from(data)
-    assert_names(str(error.value), message)
 
 
 def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
@@ -185,9 +184,8 @@ def test_a_robot_over_other_sets_is_the_same_robot() -> None:
     assert (sets_of(robot), sets_of(outer)) == ("inner", "outer")
     assert sets_of(outer.sets("inner")) == "inner"
     assert outer.identity == robot.identity
-    with pytest.raises(InvalidInput) as error:
+    with refuses("robot"):
         hexapod().sets("outer")
-    assert_names(str(error.value), "robot")
 
 
 def test_the_key_alone_asks_for_legs() -> None:

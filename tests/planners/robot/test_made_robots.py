@@ -24,6 +24,7 @@ from stancekit.planners.search.methods import make_planner
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.obstacles import Obstacles
+from stancekit.runner.worlds.simulation import simulated_body
 from tests.planners.robot.made_robots import (
     FILES,
     PLACES,
@@ -323,8 +324,6 @@ def test_a_frame_with_a_placeholder_for_its_inertia_is_no_doubt(tmp_path: Path) 
     )
     model = model_of(quadruped().replace("</robot>", frame), where="made")
     assert "frame" not in said(model)
-    from stancekit.runner.worlds.simulation import simulated_body
-
     assert 'name="frame"' in simulated_body(model).urdf
 
 
@@ -339,8 +338,6 @@ def test_a_sensor_whose_slight_inertia_no_body_has_is_no_doubt(times: float, dou
     )
     model = model_of(quadruped().replace("</robot>", camera), where="made")
     assert ("camera: moments of inertia that no body has" in said(model)) == doubted
-    from stancekit.runner.worlds.simulation import simulated_body
-
     if doubted:
         with refuses("link camera"):
             simulated_body(model)

@@ -57,7 +57,7 @@ def pendulum(*, length: float, low: float, high: float) -> Leg:
 def test_nothing_reachable_is_outside_the_outer_set(measured: Measured) -> None:
     model, workspaces = measured
     for each, workspace in zip(model.legs, workspaces, strict=True):
-        feet = each.chain.feet(each.random_angles(100_000, np.random.default_rng(7)))
+        feet = each.chain.feet(each.random_angles(20_000, np.random.default_rng(7)))
         normals = directions_of()
         assert np.all(feet @ normals.T <= foot_cloud(each).supports(normals))
         points = workspace.inner.sample(1000, np.random.default_rng(7))
@@ -70,7 +70,7 @@ def test_the_outer_set_is_hardly_larger_than_the_hull_of_what_is_reached(
 ) -> None:
     model, _ = measured
     outer, normals = foot_cloud(model.legs[0]), directions_of()
-    feet = model.legs[0].chain.feet(model.legs[0].random_angles(100_000, np.random.default_rng(8)))
+    feet = model.legs[0].chain.feet(model.legs[0].random_angles(20_000, np.random.default_rng(8)))
     assert outer.slack_m < 0.025 * model.legs[0].chain.length_m
     around = Polytope(normals=normals, offsets_m=outer.supports(normals))
     assert (

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import shapely
 from scipy.spatial.transform import Rotation
 
 import stancekit
@@ -111,8 +112,6 @@ def solid(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> l
 
 def on_floor(*boxes: list[np.ndarray], floor_below: bool = False) -> Passage:
     """The hexapod on a floor that goes on below boxes, where feet may stand beside them and on top."""
-    import shapely
-
     floor = level(-1.3, 2.0, 0.0)
     tops = [surface_patch(each[0], 0.8) for each in boxes]
     sides = [
@@ -317,8 +316,6 @@ def test_standing_still_is_a_question_with_a_plan(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 2, 1, 0], [0, 1, 1, 0], [0, 0, 1, 2]])
 def test_distances_from_a_surface_seen_from_above_are_those_of_shapely(order: list[int]) -> None:
-    import shapely
-
     corners, places = level(0.0, 1.0, 0.0)[order, :2], np.indices((9, 9)).reshape(2, -1).T * 0.5
     expected = shapely.distance(shapely.Polygon(corners), shapely.points(places - 2.0))
     np.testing.assert_allclose(_away(places - 2.0, corners), expected, atol=1e-12)

@@ -17,7 +17,6 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.problem import StepLimits
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -523,9 +522,8 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
     ],
 )
 def test_options_that_there_are_not_are_refused(make, message):
-    with pytest.raises(InvalidInput) as caught:
+    with refuses(message):
         make()
-    assert_names(str(caught.value), message)
 
 
 def test_a_set_of_several_envelopes_is_refused(learned):
@@ -536,9 +534,8 @@ def test_a_set_of_several_envelopes_is_refused(learned):
 
 def test_a_solver_that_is_not_installed_is_named_with_the_extra(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
-    with pytest.raises(InvalidInput) as caught:
+    with refuses("solver", "[exact]"):
         Micp(solver="scip")
-    assert_names(str(caught.value), "solver", "[exact]")
 
 
 def test_it_prints_nothing(feasible, capfd):

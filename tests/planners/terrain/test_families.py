@@ -11,7 +11,6 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
@@ -30,7 +29,7 @@ from stancekit.planners.terrain.heightfield import ROUND_M, SLOPE, SPACING_M
 from stancekit.planners.terrain.polygon import STEEP, UPRIGHT, VOID_M, half_planes, nearest
 from stancekit.planners.terrain.reference import named_surface, named_terrain
 from stancekit.planners.verify import check_certificate, check_plan
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 FAMILIES = TERRAIN_FAMILIES.names()
 
@@ -173,9 +172,8 @@ def _holds(patch, point):
     ],
 )
 def test_a_name_that_is_none_is_refused_in_one_line(name, said):
-    with pytest.raises(InvalidInput) as refused:
+    with refuses(said):
         read_course(name)
-    assert_names(str(refused.value), said)
 
 
 @pytest.mark.parametrize("level", ["1.5", "-0.1", "nan"])
@@ -224,15 +222,15 @@ def below_an_edge(places, patches):
 
 @pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
 def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
-    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 7 draws, levels from 1/7 to 1."""
+    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 4 draws, levels from 1/4 to 1."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(7):
-        level = (seed + 1) / 7
+    for seed in range(4):
+        level = (seed + 1) / 4
         scene, whole = (
             family_terrain(family, level, seed),
             family_terrain(family, level, seed, WIDE),
         )
-        places, borders = under(scene.patches, rng)
+        places, borders = under(scene.patches, rng, max(20, 140 // len(scene.patches)))
         kept = ~below_an_edge(places, whole.patches)
         off = np.abs(scene.heights.height(places[:, :2]) - places[:, 2])[kept]
         assert off.max(initial=0.0) < 8e-3, (seed, off.max())
@@ -246,13 +244,13 @@ def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
 
 @pytest.mark.parametrize("family", SMOOTH)
 def test_patches_of_smooth_ground_keep_to_its_heights(family):
-    """Footholds are planes within three times the roughness of a foothold, 18 mm; six draws."""
+    """Footholds are planes within three times the roughness of a foothold, 18 mm; four draws."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(6):
-        scene = family_terrain(family, (seed + 1) / 6, seed)
+    for seed in range(4):
+        scene = family_terrain(family, (seed + 1) / 4, seed)
         if not scene.footholds:
             continue
-        places, _ = under(scene.footholds, rng)
+        places, _ = under(scene.footholds, rng, 30)
         off = np.abs(scene.heights.height(places[:, :2]) - places[:, 2])
         assert off.max() < 3.0 * ROUGHNESS_M, (seed, off.max())
         looked += len(off)
@@ -261,7 +259,8 @@ def test_patches_of_smooth_ground_keep_to_its_heights(family):
 
 @pytest.mark.parametrize("family", [*SCENES, "rough", "ramps"])
 def test_the_ground_about_a_start_is_part_of_all_the_ground(family):
-    scene, whole = family_terrain(family, 0.4, 3), family_terrain(family, 0.4, 3, WIDE)
+    other = 0.5 * SCENE if family in SMOOTH else WIDE  # of smooth ground in any box
+    scene, whole = family_terrain(family, 0.4, 3), family_terrain(family, 0.4, 3, other)
     assert (scene.figures, scene.rise) == (whole.figures, whole.rise)
     if family in SMOOTH:
         np.testing.assert_array_equal(scene.heights.heights_m, whole.heights.heights_m)

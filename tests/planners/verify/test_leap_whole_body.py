@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.configs import config_path
 from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
 from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.leap.bend import joint_rows, legged_numbers, point_of as point_of_plan
+from stancekit.planners.leap.finder import find_leap
 from stancekit.planners.leap.numbers import LeapGiven
 from stancekit.planners.leap.scp import reserved
 from stancekit.planners.motion.leap_motion import LeapBody
@@ -19,7 +21,7 @@ from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import LeapBodyMeasurements, check_leap, with_body
 from tests.refusals import assert_names, refuses
 
-pytest.importorskip("pinocchio")
+pin = pytest.importorskip("pinocchio")
 FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
 
 
@@ -45,8 +47,6 @@ def test_a_leap_that_was_bent_is_accepted_with_its_legs_and_says_so_of_every_gro
 
 
 def test_the_whole_robot_keeps_its_angular_momentum_in_the_air(measured: LeapBodyMeasurements):
-    import pinocchio as pin
-
     body = measured.leap_body
     known, data = measured.kinematics.known, measured.kinematics.known.createData()
     states, velocity = measured._states
@@ -80,8 +80,6 @@ def test_a_leap_twice_as_fast_is_refused_by_its_joints(plan: LeapPlan):
 
 
 def test_a_leap_of_limbs_alone_is_not_judged_with_legs_and_says_so():
-    from stancekit.planners.leap.finder import find_leap
-
     report = check_leap(find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution)
     assert report.unchecked == LEAP_BODY
     assert report.accepted
@@ -99,8 +97,6 @@ def test_a_plan_keeps_how_legs_are_drawn_up_in_its_file(plan: LeapPlan, tmp_path
 
 
 def test_legs_that_nobody_knows_turn_nothing():
-    from stancekit.planners.leap.finder import find_leap
-
     plan = find_leap(leap_class("leap-given").draw(np.random.default_rng(0))).solution
     swung = np.zeros((plan.problem.intervals, 3))
     assert check_leap(replace(plan, legs_turn_rad=None)).accepted
@@ -114,7 +110,6 @@ def test_legs_that_nobody_knows_turn_nothing():
     [('velocity="12"', ("joint_speed", "torque")), ('effort="80"', ("torque",))],
 )
 def test_joints_without_limits_are_not_checked_by_them(plan: LeapPlan, was: str, groups, tmp_path):
-    from stancekit.configs import config_path
     from stancekit.planners.robot.walker import leaping_robot
 
     text = config_path("robots/anymal.urdf").read_text()
@@ -134,8 +129,6 @@ def test_a_leap_of_microseconds_is_refused_in_words(plan: LeapPlan):
 
 
 def test_a_robot_without_limits_of_its_joints_is_refused(tmp_path):
-    from stancekit.configs import config_path
-
     text = config_path("robots/anymal.urdf").read_text().replace('velocity="12"', 'velocity="0"')
     (tmp_path / "slow.urdf").write_text(text)
     with refuses():

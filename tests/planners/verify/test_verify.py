@@ -383,7 +383,7 @@ def least_work_by_search(a, lower, upper, friction):
         return None
     bottom = min(max(bottom, nearest / friction if friction else 0.0), top)
     tangent, best = np.hypot(a[1], a[2]), np.inf
-    for _ in range(9):
+    for _ in range(6):
         n = np.linspace(bottom, top, 41)
         disc, flat = friction * n, np.zeros_like(n)
         points = [
@@ -762,7 +762,7 @@ def test_no_certificate_refutes_a_problem_that_has_a_posture(refuted):
             for _, p, _ in refuted
             if p.multipliers.shape[1] == 6 + 3 * len(problem.contacts)
         ]
-        for _ in range(30):
+        for _ in range(15):
             tree, leaves = random_tree(rng, problem)
             rows = [
                 row + rng.normal(0, rng.choice([0.1, 1]), row.shape)

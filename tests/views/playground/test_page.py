@@ -12,6 +12,7 @@ import threading
 import time
 import warnings
 
+import msgspec
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
@@ -395,8 +396,6 @@ WRONG = {
 
 @pytest.mark.parametrize("name", list(WRONG))
 def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name, caplog, capfd):
-    import msgspec
-
     before = page.playground.session.number
     with (
         caplog.at_level(logging.WARNING),
@@ -417,8 +416,6 @@ def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(page, name,
 
 @pytest.mark.parametrize("raw", [b"\xc1\xff\xff", "words", b"", b"\x00" * 4096])
 def test_rubbish_ends_its_own_connection_and_no_other(page, raw, capfd):
-    import msgspec
-
     before = page.playground.session.number
     with joined(page) as other:
         with joined(page) as line:
