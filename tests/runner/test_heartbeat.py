@@ -34,9 +34,12 @@ with HeartbeatMonitor(float(sys.argv[1]), "it holds") as monitor:
 
 
 def until(true: Callable[[], bool]) -> None:
-    """Wait until this is so; a test that hangs has failed."""
-    while not true():
+    """Wait until this is so, a minute or more."""
+    for _ in range(12_000):
+        if true():
+            return
         time.sleep(0.005)
+    raise AssertionError("it does not come about")
 
 
 @pytest.mark.parametrize(

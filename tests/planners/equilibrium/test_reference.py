@@ -56,7 +56,16 @@ LOADED = [
     for w in (("wall-3", 5), (2, (6, 3, 4, 3)), (4, 1), (3, 3), ("soled", (3, 3)), PUSHED[1])
 ]
 PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED, *PAIRED, *PUSHED, *LOADED]
-SOLVED = [("ground-3", 86), BOUNDED[1], SOLED[0], SOLED[3], PAIRED[0], LOADED[0]]
+SOLVED = [
+    ("ground-3", 86),
+    BOUNDED[1],
+    BOUNDED[3],
+    SOLED[0],
+    SOLED[3],
+    PAIRED[0],
+    LOADED[0],
+    LOADED[3],
+]
 Programme = tuple[Callable[..., object], tuple[object, ...]]
 
 

@@ -762,7 +762,7 @@ def test_no_certificate_refutes_a_problem_that_has_a_posture(refuted):
             for _, p, _ in refuted
             if p.multipliers.shape[1] == 6 + 3 * len(problem.contacts)
         ]
-        for _ in range(15):
+        for _ in range(30):
             tree, leaves = random_tree(rng, problem)
             rows = [
                 row + rng.normal(0, rng.choice([0.1, 1]), row.shape)
