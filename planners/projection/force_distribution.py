@@ -303,7 +303,6 @@ class Restoration:
     ) -> None:
         self._plan, self._scaled, self._solver, self._limit_nm = plan, scaled, solver, limit_nm
         self.friction_share, self._holds = friction_share, np.array(scaled.layout.holds)
-        self._legs_of = [solver.joints_of(i) for i in range(scaled.layout.limbs)]
         self._first = np.flatnonzero(
             np.diff(scaled.layout.contacts[0], prepend=-1)
         )  # contacts come by stance
