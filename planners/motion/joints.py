@@ -18,7 +18,7 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..robot.inverse_kinematics import ToeKinematics, WholeBody, descend
+from ..robot.inverse_kinematics import ToeKinematics, WholeBody, descend_legs
 from ..robot.kinematics import JointAnswer, Kinematics
 from ..robot.leg import rotations_of
 from ..robot.model import robot_of
@@ -88,7 +88,7 @@ class MovingBody:
             standing = origin + rotation @ body_m
             if steps and angles is not None:
                 feet = self._solver.centres(standing, rotation, toes_m, normals)
-                angles = self._descended(feet, angles, steps)
+                angles, _ = descend_legs(self.model.legs, feet, angles, steps=steps)
             else:
                 legs, _ = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
                 angles = np.concatenate(legs, axis=1)
@@ -101,17 +101,6 @@ class MovingBody:
             toes_m=toes_m,
             normals=normals,
             stands=stands,
-        )
-
-    def _descended(self, feet: Array, near: Array, steps: int) -> Array:
-        """Angles from those that are near, shape (K, J)."""
-        parts = np.split(near, np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1], axis=1)
-        return np.concatenate(
-            [
-                descend(leg, feet[:, i], part, steps=steps)[0]
-                for i, (leg, part) in enumerate(zip(self.model.legs, parts, strict=True))
-            ],
-            axis=1,
         )
 
     def _shifts(self, angles: Array) -> Array:
@@ -312,8 +301,8 @@ class JointPath:
             shifts = np.array([kinematics.com_offset(q) for q in angles])
             origins = moments.com_m - np.einsum("tij,tj->ti", rotations, shifts)
             feet = moments.feet_m + _rolled(kinematics, moments, rotations, angles, normals)
-            angles, error = _reached(
-                kinematics,
+            angles, error = descend_legs(
+                kinematics.model.legs,
                 np.einsum("tij,tni->tnj", rotations, feet - origins[:, None]),
                 wished,
                 np.einsum("tij,tni->tnj", rotations, normals),
@@ -346,20 +335,6 @@ def key_postures(plan: Plan, angles: Array) -> WholeBody:
         stands=np.ones((len(angles), len(robot.limbs)), dtype=bool),
         error_m=np.zeros((len(angles), len(robot.limbs))),
     )
-
-
-def _reached(kinematics: Kinematics, feet: Array, drawn: Array, up: Array) -> tuple[Array, Array]:
-    """Joints whose feet are there, each leg as near to what it is drawn to as it goes; and what
-    they miss.
-
-    Arguments:
-        up: directions that feet have up in the base's frame, shape (T, N, 3).
-    """
-    angles, errors = np.empty_like(drawn), np.empty(feet.shape[:2])
-    for i, leg in enumerate(kinematics.model.legs):
-        joints = kinematics.joints_of(i)
-        angles[:, joints], errors[:, i] = descend(leg, feet[:, i], drawn[:, joints], up[:, i])
-    return angles, errors
 
 
 def _rolled(

@@ -23,7 +23,7 @@ from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..files.arrays import Array
 from ..problem import Problem
-from ..robot.inverse_kinematics import descend
+from ..robot.inverse_kinematics import descend_legs
 from ..robot.kinematics import Kinematics
 from ..robot.leg import rotation_of
 from ..terrain.patch import Patch
@@ -303,7 +303,6 @@ class Restoration:
     ) -> None:
         self._plan, self._scaled, self._solver, self._limit_nm = plan, scaled, solver, limit_nm
         self.friction_share, self._holds = friction_share, np.array(scaled.layout.holds)
-        self._legs_of = [solver.joints_of(i) for i in range(scaled.layout.limbs)]
         self._first = np.flatnonzero(
             np.diff(scaled.layout.contacts[0], prepend=-1)
         )  # contacts come by stance
@@ -382,12 +381,8 @@ class Restoration:
                 )
             ]
         )
-        result = np.empty_like(start)
-        for i, (leg, joints) in enumerate(zip(solver.model.legs, self._legs_of, strict=True)):
-            result[:, joints], error = descend(leg, feet[:, i], start[:, joints], exact_m=_EXACT_M)
-            if not error.max() <= REACHED_M:
-                return None
-        return result
+        result, error = descend_legs(solver.model.legs, feet, start, exact_m=_EXACT_M)
+        return result if error.max() <= REACHED_M else None
 
     def _balanced(self, point: Point) -> tuple[Array, np.ndarray]:
         """Forces corrected onto the balances by the least change, and in which stances they are

@@ -152,12 +152,8 @@ def descend(
         )
         if not len(open_):
             break
-        step = _damped(jacobian, gap, far)
-        held = ((q <= lower) & (step < 0.0)) | ((q >= upper) & (step > 0.0))
-        hit = held.any(axis=1)
-        if hit.any():
-            step[hit] = _damped(jacobian[hit] * ~held[hit, None], gap[hit], far[hit])
-        q = np.clip(q + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP), lower, upper)
+        damping = _DAMPING * far[:, None, None]
+        q = stepped(q, jacobian, gap, damping, _LONGEST_STEP, (lower, upper))
     return leg.wrapped(best), error
 
 
@@ -180,14 +176,73 @@ def _tilts(leg: Leg, angles: Array, level: Array) -> tuple[Array, Array]:
     return leg.sole.radius_m * vector, leg.sole.radius_m * axes
 
 
-def _damped(jacobian: Array, gap: Array, far: Array) -> Array:
-    """Jᵀ(J Jᵀ + λ I)⁻¹ e, shape (K, n)."""
-    square = jacobian @ jacobian.transpose(0, 2, 1)
-    diagonal = np.arange(square.shape[1])
-    square[:, diagonal, diagonal] += (_DAMPING * far)[:, None]
-    return np.asarray(
-        (jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, gap[:, :, None]))[:, :, 0]
-    )
+def stepped(
+    angles: Array,
+    jacobian: Array,
+    gap: Array,
+    damping: Array | float,
+    longest: float,
+    limits: tuple[Array, Array],
+    drawn: Array | None = None,
+) -> Array:
+    """Postures after one step within the limits, shape (K, n): a joint that waits at a limit and
+    would be pushed beyond it takes no part.
+
+    Arguments:
+        angles: shape (K, n).
+        jacobian: derivatives of what is to move, shape (K, m, n).
+        gap: how far it is to move, shape (K, m).
+        damping: λ, shape (K, 1, 1).
+        longest: the longest move of a joint.
+        limits: lower and upper ones of the joints, shape (n,) or (K, n) each.
+        drawn: step of the joints where it moves nothing else, shape (K, n).
+    """
+    lower, upper = limits
+    step = _damped(jacobian, gap, damping, drawn)
+    low, high = angles <= lower, angles >= upper
+    if (low | high).any() and (held := low & (step < 0.0) | high & (step > 0.0)).any():
+        hit = held.any(axis=1)
+        free = jacobian[hit] * ~held[hit, None]
+        kept = damping[hit] if isinstance(damping, np.ndarray) else damping
+        pulled = None if drawn is None else np.where(held, 0.0, drawn)[hit]
+        step[hit] = _damped(free, gap[hit], kept, pulled)
+    step = np.minimum(np.maximum(step, -longest), longest)
+    return np.asarray(np.minimum(np.maximum(angles + step, lower), upper))
+
+
+def _damped(jacobian: Array, gap: Array, damping: Array | float, drawn: Array | None) -> Array:
+    """Jᵀ(J Jᵀ + λ I)⁻¹ (e − J d) + d, shape (K, n)."""
+    transposed = jacobian.transpose(0, 2, 1)
+    square = jacobian @ transposed + damping * np.eye(jacobian.shape[1])
+    if drawn is None:
+        return np.asarray((transposed @ np.linalg.solve(square, gap[:, :, None]))[:, :, 0])
+    along = drawn[:, :, None]
+    step = transposed @ np.linalg.inv(square) @ (gap[:, :, None] - jacobian @ along) + along
+    return np.asarray(step[:, :, 0])
+
+
+def descend_legs(
+    legs: Sequence[Leg],
+    feet: Array,
+    start: Array,
+    up: ArrayLike = (0.0, 0.0, 1.0),
+    *,
+    steps: int = _STEPS,
+    exact_m: float = EXACT_M,
+) -> tuple[Array, Array]:
+    """``descend`` of all legs: postures, shape (K, J), from those of shape (K, J), and how far every
+    foot is off, shape (K, N) [m].
+
+    Arguments:
+        feet: p_BF, shape (K, N, 3) [m].
+        up: normals below soles in the base's frame, shape (K, N, 3) or (3,).
+    """
+    ups, ends = np.broadcast_to(up, feet.shape), np.cumsum([len(leg.joints) for leg in legs])
+    parts = [
+        descend(leg, feet[:, i], part, ups[:, i], steps=steps, exact_m=exact_m)
+        for i, (leg, part) in enumerate(zip(legs, np.split(start, ends[:-1], axis=1), strict=True))
+    ]
+    return np.concatenate([q for q, _ in parts], axis=1), np.stack([e for _, e in parts], axis=1)
 
 
 class Seeds:

@@ -20,7 +20,7 @@ from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Solid
 from .drawn_legs import limb_postures
-from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
+from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of, stepped
 from .leg import Mount, levelled, rotation_of
 from .model import Robot
 from .robot_file import Servo
@@ -55,7 +55,6 @@ class JointAnswer:
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
 DAMPING, _STEPS, _LONGEST_STEP_RAD = 1e-4, 60, 0.3
-_DAMPING = DAMPING * np.eye(3)
 _DRAWN_AT = 0.2
 """In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
 
@@ -300,23 +299,21 @@ class Kinematics:
         Returns:
             Angles, shape (J,), and errors, shape (N,) [m].
         """
-        lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
+        lower, upper = self.lowest_rad, self.highest_rad
+        if not limits:
+            lower, upper = np.full((2, len(lower)), [[-np.inf], [np.inf]])
         start = np.minimum(np.maximum(start, lower), upper)
         level = None if not self.soles else levelled(np.broadcast_to(up, feet.shape))
         pull, angles, gap = 0.5, start, self._gap(feet, start, level)
-        first = gap
+        first, ends = gap, (self.by_leg(lower), self.by_leg(upper))
         for _ in range(_STEPS):
             if (farthest := abs(gap).max()) < EXACT_M:
                 break
-            jacobian, pulled = self._jacobian(), pull * (wished - angles)
+            drawn, damping = self.by_leg(pull * (wished - angles)), DAMPING * farthest
+            now, jacobian = self.by_leg(angles), self._jacobian()
+            q = stepped(now, jacobian, gap, damping, _LONGEST_STEP_RAD, ends, drawn)
+            angles = q.reshape(-1) if self._even else q[self.legs, self._nth]
             pull *= 0.7
-            step = self._step(jacobian, gap, pulled, farthest)
-            low, high = angles <= lower, angles >= upper
-            if (low | high).any() and (held := low & (step < 0.0) | high & (step > 0.0)).any():
-                free = self.by_leg(~held)[:, None] * jacobian
-                step = self._step(free, gap, np.where(held, 0.0, pulled), farthest)
-            step = np.minimum(np.maximum(step, -_LONGEST_STEP_RAD), _LONGEST_STEP_RAD)
-            angles = np.minimum(np.maximum(angles + step, lower), upper)
             gap = self._gap(feet, angles, level)
         error = lengths(gap)
         if error.max() <= EXACT_M:  # as good as any start
@@ -339,20 +336,6 @@ class Kinematics:
         skew = 0.5 * (between - between.transpose(0, 2, 1))
         turn = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
         return np.concatenate([gap, self._sole_radii[:, None] * turn], axis=1)
-
-    def _step(self, jacobian: Array, gap: Array, drawn: Array, farthest: float) -> Array:
-        """Step of the joints that brings feet this far and draws joints this far where it does not
-        move them, shape (J,).
-
-        Arguments:
-            farthest: the largest entry of the gap [m].
-        """
-        transposed = jacobian.transpose(0, 2, 1)
-        damping = _DAMPING if jacobian.shape[1] == 3 else DAMPING * np.eye(6)
-        inverse = transposed @ np.linalg.inv(jacobian @ transposed + damping * farthest)
-        along = self.by_leg(drawn)[:, :, None]
-        step = inverse @ (gap[:, :, None] - jacobian @ along) + along
-        return np.asarray(step.reshape(-1) if self._even else step[self.legs, self._nth, 0])
 
     def beyond(self, angles: Array) -> Array:
         """Distance of joints beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint

@@ -34,6 +34,9 @@ _POINTS_PER_CELL = 2.0
 _FINEST_M = 0.01
 """Side of the smallest cell of a cloud [m]."""
 
+_FEW = 3
+"""Squares of so many cells a side are summed cell by cell, which is quicker."""
+
 Labels = NDArray[np.int_]
 
 
@@ -160,10 +163,18 @@ def boxed(moments: Array, side: int) -> Array:
     """Sums over squares of ``side`` cells about each cell, nothing beyond the border; shape as that
     of moments.
     """
+    if side > _FEW:
+        for axis in (-2, -1):
+            moments = uniform_filter1d(moments, side, axis=axis, mode="constant")
+        return np.asarray(moments * side**2)
     sums = moments
     for axis in (-2, -1):
-        sums = uniform_filter1d(sums, side, axis=axis, mode="constant")
-    return np.asarray(sums * side**2)
+        whole, sums = np.moveaxis(sums, axis, 0), np.zeros_like(sums)
+        total = np.moveaxis(sums, axis, 0)
+        for shift in range(-(side // 2), side - side // 2):
+            ahead, behind = max(shift, 0), max(-shift, 0)
+            total[behind : len(total) - ahead] += whole[ahead : len(total) - behind]
+    return np.asarray(sums)
 
 
 def about(moments: Array, i: Array, j: Array) -> Array:

@@ -1,12 +1,8 @@
 """Footholds of an elevation map: its cells grouped into planes, each plane's cells cut into convex
 pieces.
 
-1. At every cell a plane through the heights about it, by moments (box filters). Cells that are off it are no ground.
-2. Neighbouring cells whose planes go on in one another are of one surface (connected components).
-3. A surface that is no plane within the roughness is parted in two, again and again: two planes, each cell to the
-   nearer one (Lloyd).
-4. Surfaces grow back to their edges, over cells that are on their plane.
-5. The outline of each surface, less the margin, is cut into convex pieces.
+1. Cells are grouped into surfaces by their noise, of which none is one (``noisy_surfaces``).
+2. The outline of each surface, less the margin, is cut into convex pieces.
 """
 
 from __future__ import annotations
@@ -19,7 +15,7 @@ from typing import Any
 import numpy as np
 from contourpy import contour_generator
 from numpy.typing import NDArray
-from scipy.ndimage import find_objects, uniform_filter
+from scipy.ndimage import find_objects
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -27,19 +23,15 @@ from .correlation import (
     GroundCells,
     Labels,
     Noise,
-    about,
-    connected,
     correlated_noise,
     fitted,
     noise_of_residuals,
     renumbered,
-    solved,
 )
 from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import (
-    LEAST_STEP_M,
     certainties,
     excess_squares,
     roughnesses,
@@ -52,36 +44,17 @@ from .mesh_footholds import standing_pieces
 from .noisy_surfaces import (
     COARSE_SD_M,
     LARGEST_M,
-    apart,
+    QUIET,
     correlated_surfaces,
-    halved,
     noisy_surfaces,
 )
 from .patch import Certainty, Patch
 from .polygon import SMALLEST_M
 
-_WINDOW_M = 0.06
-"""Half width of the window of a cell's plane [m]."""
-_FEWEST, _MOST = 2, 5
-"""Cells in it to each side."""
-_ROUNDS = 12
-"""How often surfaces are parted."""
-TURN_RAD = 0.12
-"""Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise
-[rad]."""
-OFF, _ALONE = 2.5, 3.0
-"""Cells are on a plane up to this many rms, and those that it is all about, or that were of it, up
-to so many."""
-_FEWEST_CELLS = 4
-"""Surfaces of fewer do not grow."""
-_TWO = 0.5
-"""Two planes are far nearer than one if their rms is less than this share of its."""
-_NARROWEST_M = 0.08
-"""Halves that are narrower in the mean are waves of one surface [m]."""
 _HIDDEN = 0.5
 """A step that is not seen is this many of its deviations high, from place to place."""
-_QUIET = 0.25
-"""Noise below this share of the roughness is a part of it."""
+_EXACT = 0.04
+"""Heights without noise are looked at as if they had so little, in shares of the roughness."""
 _FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
 _STRAIGHT = 0.25
@@ -151,8 +124,8 @@ def _planes_of(
     noise_m = noise.deviation_m
     spacing, heights, known = cells.spacing_m, cells.heights, cells.known
     _check_noise(terrain.name, cells, limits)
-    noisy = cells.sparse or noise_m > _QUIET * limits.roughness_m
-    labels, unseen_m = _labelled(cells, limits, noise, noisy)
+    noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
+    labels, unseen_m = _labelled(cells, limits, noise)
     white_m = noise_m if noisy else 0.0
     rungs = [] if noise.correlated else map_rungs(labels, cells, white_m, limits.slope_rad)
     barred = np.any([rung.cells for rung in rungs], axis=0) if rungs else np.zeros_like(known)
@@ -248,24 +221,17 @@ def _planes_of(
     return footholds, rungs, noise
 
 
-def _labelled(
-    cells: GroundCells, limits: FootholdLimits, noise: Noise, noisy: bool
-) -> tuple[Labels, float]:
+def _labelled(cells: GroundCells, limits: FootholdLimits, noise: Noise) -> tuple[Labels, float]:
     """The surface of each cell, -1 where there is none, and how far bumps that are not seen may
     reach out of one [m].
     """
-    quiet_m = _QUIET * limits.roughness_m
-    deviation_m = max(noise.deviation_m, quiet_m)
     if noise.correlated:
-        least = replace(noise, deviation_m=deviation_m, near_m=max(noise.near_m, quiet_m))
+        quiet_m = QUIET * limits.roughness_m
+        heard = [max(each, quiet_m) for each in (noise.deviation_m, noise.near_m)]
+        least = replace(noise, deviation_m=heard[0], near_m=heard[1])
         return correlated_surfaces(cells, limits, least)
-    if noisy:
-        return noisy_surfaces(cells, limits, deviation_m), 0.0
-    labels = _without_steps(_grown(_surfaces(cells, limits), cells, limits), cells)
-    few = np.bincount(labels[labels >= 0], minlength=1) < _FEWEST_CELLS
-    labels = np.where(np.append(few, False)[labels], -1, labels)
-    strips = noisy_surfaces(cells.only(cells.known & (labels < 0)), limits, quiet_m)
-    return np.where(strips >= 0, strips + labels.max() + 1, labels), 0.0
+    exact_m = _EXACT * limits.roughness_m
+    return noisy_surfaces(cells, limits, max(noise.deviation_m, exact_m)), 0.0
 
 
 def _noisy_shapes(
@@ -369,7 +335,7 @@ def _cells_of(
     noise = heard
     if noise is None and stated_m != 0.0:
         noise = correlated_noise(cells, stated_m)
-    if noise is None or noise.deviation_m < 2.0 * _QUIET * limits.roughness_m:
+    if noise is None or noise.deviation_m < 2.0 * QUIET * limits.roughness_m:
         return cells, Noise(deviation_m=noise_m)
     return _counted(cells, noise), noise
 
@@ -433,162 +399,8 @@ def _inner(polygon: Any) -> Any:
     )
 
 
-def _surfaces(cells: GroundCells, limits: FootholdLimits) -> Labels:
-    """The surface of every cell, −1 for none, by the planes about cells."""
-    spacing, shape = cells.spacing_m, cells.known.shape
-    half = int(np.clip(round(_WINDOW_M / spacing), _FEWEST, _MOST))
-    side = 2 * half + 1
-    means = uniform_filter(cells.moments, (1, side, side), mode="constant")
-    moments = about(means, *np.indices(shape, dtype=np.float64))
-    plane, rms = solved(moments)
-    slope = np.hypot(plane[0], plane[1]) / spacing
-    steepest = np.tan(min(limits.slope_rad + TURN_RAD, 1.5))
-    window = (2 * half + 1) ** 2
-    ground = (
-        cells.known
-        & (moments[0] * window >= 3.0)
-        & (rms <= limits.rms_m * _slack(moments[0] * window))
-        & (slope <= steepest)
-    )
-    spread = spacing * np.sqrt((2 * half + 1) ** 2 * half * (half + 1) / 3.0)
-    turn = TURN_RAD + 3.0 * (limits.noise_m or 0.0) / spread
-    step = OFF * limits.rms_m
-    pairs = [_continued(plane, ground, axis, spacing, turn, step) for axis in (0, 1)]
-    one, other = map(np.concatenate, zip(*pairs, strict=True))
-    labels = np.where(ground, connected(one, other, ground.size)[1].reshape(shape), -1)
-    return _parted(
-        renumbered(labels), cells, plane[2], limits.rms_m, max(_NARROWEST_M / spacing, 2.0)
-    )
-
-
 def _slack(count: Any) -> Any:
     """Amount by which the rms of so many heights may exceed their deviation: three of its own
     deviations.
     """
     return 1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
-
-
-def _continued(
-    plane: Array, ground: NDArray[np.bool_], axis: int, spacing: float, turn: float, step: float
-) -> tuple[Labels, Labels]:
-    """Pairs of neighbouring cells along an axis whose planes go on in one another."""
-    here = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
-    there = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
-    (a, b, c), (d, e, f) = (plane[(slice(None), *side)] for side in (here, there))
-    bend = np.hypot(a - d, b - e) / spacing
-    rise = np.abs(f - c - 0.5 * ((a + d) if axis == 0 else (b + e)))
-    fits = (
-        ground[here]
-        & ground[there]
-        & (bend <= turn * (1.0 + (a * a + b * b) / spacing**2))
-        & (rise <= step)
-    )
-    index = np.arange(ground.size).reshape(ground.shape)
-    return index[here][fits], index[there][fits]
-
-
-def _borders(halves: Labels, count: int) -> Labels:
-    """Number of neighbouring cells in different halves of each surface, whose halves are 2k and 2k + 1."""
-    borders = np.zeros(count, dtype=np.int_)
-    for one, other in ((halves[1:], halves[:-1]), (halves[:, 1:], halves[:, :-1])):
-        differ = (one >= 0) & (one != other) & (one // 2 == other // 2)
-        borders += np.bincount(one[differ] // 2, minlength=count)
-    return borders
-
-
-def _parted(
-    labels: Labels, cells: GroundCells, smooth: Array, most_rms: float, narrowest: float
-) -> Labels:
-    """Surfaces parted in two until each is a plane within ``most_rms``, and as long as two planes
-    fit the heights far better than one; surfaces with waves stay whole.
-
-    Arguments:
-        smooth: heights by the planes about cells.
-        narrowest: cells across the halves, in the mean, of surfaces that are within it as they are.
-    """
-    for _ in range(_ROUNDS):
-        planes, rms, count = fitted(labels, cells)
-        bent, coarse = rms > most_rms * _slack(count), rms > _QUIET * most_rms
-        if not coarse.any():
-            break
-        i, j = np.nonzero((labels >= 0) & np.append(coarse, False)[labels])
-        number, z = labels[i, j], smooth[i, j]
-        x, y = i.astype(float), j.astype(float)
-        half, off = halved(number, x, y, z, len(planes))
-        squares = np.bincount(number, off.min(axis=0) ** 2, minlength=len(planes))
-        two = np.sqrt(squares / np.maximum(count, 1)) < _TWO * rms
-        halves = np.full(labels.shape, -1)
-        halves[i, j] = half
-        parted = bent | (coarse & two & (_borders(halves, len(planes)) * narrowest <= count))
-        if not parted.any():
-            break
-        halves[i, j] = np.where(parted[number], halves[i, j], -1)
-        labels = apart(np.where(halves >= 0, halves + labels.max() + 1, labels))
-    return labels
-
-
-def _grown(labels: Labels, cells: GroundCells, limits: FootholdLimits) -> Labels:
-    """Surfaces that take in cells at their borders which are on their planes, within what their own
-    are off them, as far as the windows reached.
-    """
-    half = int(np.clip(round(_WINDOW_M / cells.spacing_m), _FEWEST, _MOST))
-    (planes, rms, sizes), heights = fitted(labels, cells), cells.heights
-    if not len(planes):
-        return labels
-    i, j = np.indices(labels.shape, dtype=np.float64)
-    a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
-    near_m = np.clip(rms, _QUIET * limits.rms_m, limits.rms_m)
-    off = np.abs(a * i + b * j + c - heights)
-    labels = np.where(off <= _ALONE * near_m[np.maximum(labels, 0)], labels, -1)
-    open_ = np.isfinite(heights) & (labels < 0)
-    reach = half + half // 2  # across the grid edges are farther away than along it
-    for turn in range(reach + 3):
-        if turn > reach:
-            alike = sum(
-                (_shifted(labels, *way) == labels).astype(int)
-                for way in ((0, 1), (0, -1), (1, 1), (1, -1))
-            )
-            open_ = np.isfinite(heights) & ((labels < 0) | (alike <= 1))
-        best, least = np.full(labels.shape, -1), np.full(labels.shape, np.inf)
-        most_m = (OFF if turn <= reach else _ALONE) * near_m
-        votes = np.zeros(labels.shape, dtype=np.int_)
-        for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
-            near = _shifted(labels, axis, shift)
-            of = np.maximum(near, 0)
-            a, b, c = np.moveaxis(planes[of], -1, 0)
-            off = np.abs(a * i + b * j + c - heights)
-            votes += near == best
-            better = open_ & (near >= 0) & (off < np.minimum(least, most_m[of]))
-            better &= sizes[of] >= _FEWEST_CELLS
-            best[better], least[better] = near[better], off[better]
-        chosen = (best >= 0) if turn <= reach else (best >= 0) & (votes >= 2)
-        labels[chosen] = best[chosen]
-        open_ &= ~chosen
-    return labels
-
-
-def _without_steps(labels: Labels, cells: GroundCells) -> Labels:
-    """Surfaces without the cells between which there is a step, though they are about one plane."""
-    planes = fitted(labels, cells)[0]
-    if not len(planes):
-        return labels
-    i, j = np.indices(labels.shape, dtype=np.float64)
-    a, b, c = np.moveaxis(planes[np.maximum(labels, 0)], -1, 0)
-    off = np.where(labels >= 0, cells.heights - a * i - b * j - c, np.nan)
-    beside = np.zeros(labels.shape, dtype=bool)
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        step = (labels[one] == labels[other]) & (np.abs(off[one] - off[other]) > LEAST_STEP_M)
-        beside[one] |= step
-        beside[other] |= step
-    if not beside.any():
-        return labels
-    return apart(np.where(beside, -1, labels))
-
-
-def _shifted(labels: Labels, axis: int, shift: int) -> Labels:
-    """Labels moved by a cell, −1 where they come from beyond the map."""
-    near = np.roll(labels, shift, axis=axis)
-    edge = [slice(None), slice(None)]
-    edge[axis] = slice(0, 1) if shift == 1 else slice(-1, None)
-    near[tuple(edge)] = -1
-    return near

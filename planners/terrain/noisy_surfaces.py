@@ -33,10 +33,12 @@ from .correlation import (
     mean_square,
     moments_of,
     renumbered,
+    residuals,
     solved,
     sums_of,
 )
 from .footholds import FootholdLimits
+from .map_certainty import LEAST_STEP_M
 
 _FINE_SD_M = 0.0035
 """Deviation that the height of a square's plane is to have at its middle; squares are as large as
@@ -71,6 +73,12 @@ _JUDGED_M, _CHOSEN = 0.1, 6.0
 """Side of the blocks by which surfaces are joined at last [m], and how many deviations those of the
 smaller one may be off, whose cells were chosen by their heights."""
 _ROUNDS, _LLOYD, _JOINED = 12, 4, 16
+QUIET = 0.25
+"""Noise below this share of the roughness is a part of it: heights are exact."""
+_FINE_M, _TWO, _NARROWEST_M = 0.04, 0.5, 0.08
+"""Of exact heights: side of the blocks that are looked at first [m]; two planes are far nearer than
+one if their rms is less than this share of its; halves that are narrower in the mean are waves of
+one surface [m]."""
 _TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
 round by round."""
@@ -85,7 +93,8 @@ how far off it they may be in deviations of the noise."""
 
 
 def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -> Labels:
-    """The surface of every cell, −1 for none, shape (n, m).
+    """The surface of every cell, −1 for none, shape (n, m). Heights with next to no noise are exact:
+    planes are far smaller than the roughness off them where they can be.
 
     Arguments:
         cells: the samples.
@@ -95,7 +104,12 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
     labels = np.full(cells.known.shape, -1)
     if np.count_nonzero(cells.known) < _FEWEST:
         return labels
+    exact, whole = noise_m < QUIET * limits.roughness_m, np.where(cells.known, 0, -1)
+    if exact and not cells.sparse and np.abs(residuals(whole, cells)).max() <= noise_m:  # one plane
+        return _large_enough(whole, cells)
     fine, coarse = (_side(cells, noise_m, sd) for sd in (_FINE_SD_M, COARSE_SD_M))
+    if exact:
+        fine = max(fine, round(_FINE_M / cells.spacing_m))
     sides = sorted({fine, (fine + coarse) // 2, coarse}, reverse=True)
     for side in sides:
         left = cells.known & (labels < 0)
@@ -109,6 +123,8 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
         labels = _bordered(_large_enough(labels, cells), cells, limits, noise_m)
     labels = _joined(renumbered(labels), cells, limits, noise_m, coarse)
     labels = _large_enough(_bordered(labels, cells, limits, noise_m), cells)
+    if exact:
+        labels = _large_enough(_without_steps(labels, cells), cells)
     labels = _parted(
         _trimmed(renumbered(labels), cells, limits, noise_m), cells, limits, noise_m, coarse
     )
@@ -120,6 +136,17 @@ def noisy_surfaces(cells: GroundCells, limits: FootholdLimits, noise_m: float) -
     labels = _large_enough(_closed(labels, cells, noise_m), cells)
     lumps = _lumps(labels, cells, limits, noise_m)
     return renumbered(_large_enough(np.where(lumps, -1, labels), cells) if lumps.any() else labels)
+
+
+def _without_steps(labels: Labels, cells: GroundCells) -> Labels:
+    """Surfaces without the cells between which there is a step, though they are about one plane."""
+    off = np.where(labels >= 0, residuals(labels, cells), np.nan)
+    beside = np.zeros(labels.shape, dtype=bool)
+    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        step = (labels[one] == labels[other]) & (np.abs(off[one] - off[other]) > LEAST_STEP_M)
+        beside[one] |= step
+        beside[other] |= step
+    return np.where(beside, -1, labels)
 
 
 def correlated_surfaces(
@@ -257,7 +284,7 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
         for way in shifts
     }
     i, j = np.indices((n, m), dtype=np.float64)
-    total = np.sum([parts[way] for way in shifts], axis=0)
+    total = sum(parts.values(), start=np.zeros(blocks.shape))
     (a, b, c), rms = solved(about(total, i, j))
     count = np.maximum(total[0], cells.weight)
     off = np.zeros((n, m))
@@ -325,8 +352,10 @@ def _continued(
 
 def _misfits(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float, side: int
-) -> tuple[NDArray[np.bool_], Array]:
-    """Surfaces that are no planes, by means over blocks of this side in cells."""
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], Array]:
+    """Surfaces that are no planes, by means over blocks of this side in cells; those of exact
+    heights that two planes may be far nearer to; and the rms off each.
+    """
     planes, rms, count = fitted(labels, cells)
     squares, blocks = block_squares(labels, cells, planes, side)
     freedom = np.maximum(blocks - 3.0, 0.0)
@@ -337,7 +366,20 @@ def _misfits(
     bent |= rms > np.hypot(limits.roughness_m, noise_m) * (
         1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
     )
-    return bent & (count >= 2 * _FEWEST), planes
+    large = count >= 2 * _FEWEST
+    exact = noise_m < QUIET * limits.roughness_m
+    return bent & large, exact & large & (rms > QUIET * limits.roughness_m), rms
+
+
+def _borders(halves: Labels, count: int) -> Labels:
+    """Number of neighbouring cells in different halves of each surface, whose halves are 2k and
+    2k + 1.
+    """
+    borders = np.zeros(count, dtype=np.int_)
+    for one, other in ((halves[1:], halves[:-1]), (halves[:, 1:], halves[:, :-1])):
+        differ = (one >= 0) & (one != other) & (one // 2 == other // 2)
+        borders += np.bincount(one[differ] // 2, minlength=count)
+    return borders
 
 
 def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
@@ -359,22 +401,31 @@ def _parted(
 ) -> Labels:
     """Surfaces parted in two until each is a plane."""
     for _ in range(_ROUNDS):
-        bent, planes = _misfits(labels, cells, limits, noise_m, side)
-        if not bent.any():
+        bent, coarse, rms = _misfits(labels, cells, limits, noise_m, side)
+        if not (bent | coarse).any():
             break
-        size = len(planes)
-        chosen = (labels >= 0) & np.append(bent, False)[labels]
-        smooth = _smoothed(np.where(chosen, labels, -1), cells, side)
+        chosen = (labels >= 0) & np.append(bent | coarse, False)[labels]
+        smooth = _smoothed(np.where(chosen, labels, -1), cells, 1 if coarse.any() else side)
         i, j = np.nonzero(chosen)
-        number, z = labels[i, j], smooth[i, j]
-        x, y = i.astype(float), j.astype(float)
-        key = labels.copy()
-        key[i, j] = size + halved(number, x, y, z, size)[0]
+        number, z, size = labels[i, j], smooth[i, j], len(bent)
+        half, off = _halved(number, i.astype(float), j.astype(float), z, size)
+        if coarse.any():
+            halves = np.full(labels.shape, -1)
+            halves[i, j] = half
+            count = np.maximum(np.bincount(number, minlength=size), 1)
+            squares = np.bincount(number, off.min(axis=0) ** 2, minlength=size)
+            two = np.sqrt(squares / count) < _TWO * rms
+            narrowest = max(_NARROWEST_M / cells.spacing_m, 2.0)
+            bent |= coarse & two & (_borders(halves, size) * narrowest <= count)
+            if not bent.any():
+                break
+        key, parted = labels.copy(), bent[number]
+        key[i[parted], j[parted]] = size + half[parted]
         labels = apart(key)
     return labels
 
 
-def halved(number: Labels, x: Array, y: Array, z: Array, count: int) -> tuple[Labels, Array]:
+def _halved(number: Labels, x: Array, y: Array, z: Array, count: int) -> tuple[Labels, Array]:
     """Surfaces parted in two, 2k and 2k + 1, each cell with the plane that is nearer, and how far it
     is off either, shape (2, K).
     """

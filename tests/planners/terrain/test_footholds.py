@@ -200,7 +200,7 @@ def exact_ground(height):
 def test_no_foothold_of_exact_heights_is_over_a_low_step(height):
     """All these are within the roughness of one plane, which is 8 to 11 mm off them."""
     found = exact_ground(height)
-    assert found.area_m2 > 0.15
+    assert found.area_m2 > 0.3
     for piece in found.pieces:
         corners, normal = piece.patch.vertices_m, piece.patch.normal
         middle = corners.mean(axis=0)
