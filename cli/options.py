@@ -44,10 +44,12 @@ if TYPE_CHECKING:
     from stancekit.planners.terrain.import_options import ImportOptions
 
 
-def rules() -> ConstructorRegistry:
-    """The rule of tyro by which data classes become options."""
+def rules(helps: bool) -> ConstructorRegistry:
+    """The rule of tyro by which data classes become options, with their texts where these are
+    shown: it takes long to read them from the source.
+    """
     registry = ConstructorRegistry()
-    registry.struct_rule(_options_of)
+    registry.struct_rule(partial(_options_of, helps))
     return registry
 
 
@@ -59,7 +61,7 @@ def flowing(text: str) -> str:
     )
 
 
-def _options_of(info: StructTypeInfo) -> StructConstructorSpec | None:
+def _options_of(helps: bool, info: StructTypeInfo) -> StructConstructorSpec | None:
     """An option for each field of a data class; None for any other type."""
     cls = info.type
     if not dataclasses.is_dataclass(cls):
@@ -70,7 +72,7 @@ def _options_of(info: StructTypeInfo) -> StructConstructorSpec | None:
             name=each.name,
             type=types[each.name],
             default=_default(each, info.default, types[each.name]),
-            helptext=partial(_text, texts, each.name),
+            helptext=partial(_text, texts, each.name) if helps else "",
         )
         for each in dataclasses.fields(cls)
         if each.init
