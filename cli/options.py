@@ -66,13 +66,13 @@ def _options_of(helps: bool, info: StructTypeInfo) -> StructConstructorSpec | No
     cls = info.type
     if not dataclasses.is_dataclass(cls):
         return None
-    types, texts = get_type_hints(cls, include_extras=True), partial(_texts, cls)
+    types = get_type_hints(cls, include_extras=True)
     named = [
         StructFieldSpec(
             name=each.name,
             type=types[each.name],
             default=_default(each, info.default, types[each.name]),
-            helptext=partial(_text, texts, each.name) if helps else "",
+            helptext=_texts(cls).get(each.name) if helps else "",
         )
         for each in dataclasses.fields(cls)
         if each.init
@@ -91,11 +91,6 @@ def _default(field: dataclasses.Field[Any], of: Any, type_: Any) -> Any:
     if field.default_factory is not dataclasses.MISSING and field.default_factory is not type_:
         return field.default_factory()
     return MISSING_NONPROP
-
-
-def _text(texts: Callable[[], Mapping[str, str]], name: str) -> str | None:
-    """The text of one field, which is read from the source when it is shown."""
-    return texts().get(name)
 
 
 @cache

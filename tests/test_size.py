@@ -32,11 +32,11 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1438, 16902),
-    "cli": (3440, 39850),
+    "cli": (3432, 39685),
     "configs": (3, 30),
     "envs": (3135, 42947),
     "learners": (5256, 78204),
-    "planners": (35529, 582909),
+    "planners": (35522, 583071),
     "runner": (6758, 91765),
     "views": (4384, 69884),
 }
