@@ -39,26 +39,8 @@ if TYPE_CHECKING:
 _PHASES = ("feasible", "smooth", "densify")
 TURN_RAD = 5e-4
 """Walks that turn by less are not said to turn."""
-_WAY_M = 0.05
+_LOOKS = 120
 """The ground is looked at so often on the way."""
-
-
-def draw(
-    best: Attempted,
-    *,
-    picture: Path | None,
-    video: Path | None,
-    html: Path | None,
-) -> None:
-    """Write the picture, with the map's grid where there is one, the film and the page that were
-    asked for.
-    """
-    if picture is not None:
-        from stancekit.views.gaits import draw_motion
-        from stancekit.views.sheet import save
-
-        save(draw_motion(best.trajectory, best.report, warp=_map(best)), picture)
-    show(best.trajectory, video=video, html=html)
 
 
 def _map(one: Attempted) -> Callable[[Array], Array] | None:
@@ -90,18 +72,6 @@ def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) 
         "doubts": list(best.trajectory.robot.source.doubts),
         "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
         "failures": list(plan.failures),
-    }
-
-
-def refused(task: Walk, message: str, failures: Sequence[str] = ()) -> dict[str, Any]:
-    """The answer without any walk as one JSON object."""
-    return {
-        "terrain": task.terrain.name,
-        "verified": False,
-        "status": "undecided",
-        "message": message,
-        "doubts": list(task.robot.source.doubts),
-        "failures": list(failures),
     }
 
 
@@ -192,11 +162,9 @@ def doubt(task: Walk, total_s: float) -> None:
     """
     import numpy as np
 
-    steps = max(2, int(np.linalg.norm(task.goal - task.start) / _WAY_M) + 2)
-    way = task.start + np.linspace(0.0, 1.0, steps)[:, None] * (task.goal - task.start)
-    low, high = np.transpose(task.terrain.domain_m)
-    feet = [np.clip(task.stance_m(xy)[:, :2], low, high) for xy in way]
-    slope = float(np.linalg.norm(task.terrain.gradient(np.concatenate(feet)), axis=1).max())
+    feet = [task.stance_m(xy)[:, :2] for xy in np.linspace(task.start, task.goal, _LOOKS)]
+    feet_on = np.clip(feet, *np.transpose(task.terrain.domain_m))
+    slope = float(np.linalg.norm(task.terrain.gradient(feet_on), axis=-1).max())
     if slope > task.friction and not any(task.adhesive):
         names = ",".join(task.robot.limb_names[:2])
         err.print(
@@ -337,12 +305,12 @@ class PlanGait:
             hint = f"; remove {checkpoint.path} to try anew" if kept else ""
             return self._refused(task, f"{plan.message}{hint}", plan.failures)
         written = self._write(best)
-        draw(
-            best,
-            picture=self.picture,
-            video=self.video,
-            html=self.html,
-        )
+        if self.picture is not None:
+            from stancekit.views.gaits import draw_motion
+            from stancekit.views.sheet import save
+
+            save(draw_motion(best.trajectory, best.report, warp=_map(best)), self.picture)
+        show(best.trajectory, video=self.video, html=self.html)
         if written or not best.solution.success:
             checkpoint.remove()
         if self.json:
@@ -357,7 +325,16 @@ class PlanGait:
         """Say why there is no walk; exit code 1."""
         complain(f"stancekit: {self.terrain}: {message}")
         if self.json:
-            emit(refused(task, message, failures))
+            emit(
+                {
+                    "terrain": task.terrain.name,
+                    "verified": False,
+                    "status": "undecided",
+                    "message": message,
+                    "doubts": list(task.robot.source.doubts),
+                    "failures": list(failures),
+                }
+            )
         return 1
 
     # -------------------------------------------------------------------------------------------------

@@ -184,7 +184,7 @@ def parse(arguments: Sequence[str]) -> _Command:
                 description=flowing(command.__doc__ or ""),
                 args=arguments[1:],
                 config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
-                registry=rules(),
+                registry=rules(helps=not {"--help", "-h"}.isdisjoint(arguments)),
             )
     except SystemExit as end:
         print(page.broken(), end="", flush=True)

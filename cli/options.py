@@ -43,10 +43,12 @@ if TYPE_CHECKING:
     from stancekit.planners.terrain.import_options import ImportOptions
 
 
-def rules() -> ConstructorRegistry:
-    """The rule of tyro by which data classes become options."""
+def rules(helps: bool) -> ConstructorRegistry:
+    """The rule of tyro by which data classes become options, with their texts where these are
+    shown: it takes long to read them from the source.
+    """
     registry = ConstructorRegistry()
-    registry.struct_rule(_options_of)
+    registry.struct_rule(partial(_options_of, helps))
     return registry
 
 
@@ -58,18 +60,18 @@ def flowing(text: str) -> str:
     )
 
 
-def _options_of(info: StructTypeInfo) -> StructConstructorSpec | None:
+def _options_of(helps: bool, info: StructTypeInfo) -> StructConstructorSpec | None:
     """An option for each field of a data class; None for any other type."""
     cls = info.type
     if not dataclasses.is_dataclass(cls):
         return None
-    types, texts = get_type_hints(cls, include_extras=True), partial(_texts, cls)
+    types = get_type_hints(cls, include_extras=True)
     named = [
         StructFieldSpec(
             name=each.name,
             type=types[each.name],
             default=_default(each, info.default, types[each.name]),
-            helptext=partial(_text, texts, each.name),
+            helptext=_texts(cls).get(each.name) if helps else "",
         )
         for each in dataclasses.fields(cls)
         if each.init
@@ -88,11 +90,6 @@ def _default(field: dataclasses.Field[Any], of: Any, type_: Any) -> Any:
     if field.default_factory is not dataclasses.MISSING and field.default_factory is not type_:
         return field.default_factory()
     return MISSING_NONPROP
-
-
-def _text(texts: Callable[[], Mapping[str, str]], name: str) -> str | None:
-    """The text of one field, which is read from the source when it is shown."""
-    return texts().get(name)
 
 
 @cache

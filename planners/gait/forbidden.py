@@ -1,5 +1,5 @@
 """Walks that friction forbids, said before any program is written: arguments about impulses,
-without a solver.
+without a solver; and those that are not forbidden, but that no search finds (``unheld``).
 
 A foot on ground of normal n pushes with w·f ≥ −s, s its suction, for every unit w that is nearer to
 n than 90° − atan ν. Where one such w suits all ground that feet can have, w·(Σ f) ≥ −S whatever
@@ -34,6 +34,10 @@ tolerates."""
 _TURNS = np.deg2rad(5.0) * np.arange(72)
 _BELOW = np.array([1e-3, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0])
 """Directions about the vertical, and below the horizon, in which w is looked for [rad]."""
+_AROUND_M, _MORE, _FAR = 3.0, 1.3, 1.35
+"""Ways are looked for so far about the straight one [m], with so many times the friction, over what
+is so many times as wide as feet reach from the body.
+"""
 LEAST, _GREATEST = 1e-6, 0.5 * np.pi - 1e-6
 """β that are taken, above the horizon [rad]."""
 
@@ -52,6 +56,44 @@ def forbidden(task: Walk, settings: GaitSettings) -> str:
                 f"{_suction(task)} holds"
             )
     return _too_far(task, boxes, settings) if settings.still_end else ""
+
+
+def unheld(task: Walk) -> str:
+    """Why a walk is not likely, in one sentence, though none is disproved; empty where one is.
+
+    Ground that is steeper than friction holds is crossed in a step from what holds, and a body is
+    carried on by its momentum. Where places that hold feet, with some more friction than there is,
+    lie farther apart on every way than a third more than feet reach from the body, no optimizer
+    has found a walk in a gait that moves one foot of an end at a time.
+    """
+    ground, ends = task.terrain, np.array([task.start, task.goal])
+    lines = [
+        line[slice(*np.searchsorted(line, (min(along) - _AROUND_M, max(along) + _AROUND_M)))]
+        for line, along in zip((ground.x_m, ground.y_m), ends.T, strict=True)
+    ]
+    places = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
+    heights, gradient = ground.height_and_gradient(places)
+    held = np.linalg.norm(gradient, axis=1) <= _MORE * task.friction
+    if held.all() or any(task.adhesive) or task.gait in ("bound", "gallop"):
+        return ""
+    from scipy.spatial import cKDTree  # slow to import
+
+    far_m = _FAR * _reach_m(task)
+    nodes = np.column_stack([places, heights])[held]
+    away = np.linalg.norm(nodes[:, None, :2] - ends, axis=2)
+    come_to = new = away[:, 0] <= _reach_m(task)
+    while new.any():
+        near = cKDTree(nodes[new]).query(nodes, distance_upper_bound=far_m)[0]
+        new = np.isfinite(near) & ~come_to
+        come_to |= new
+    if not come_to.any() or away[come_to, 1].min() <= _reach_m(task):
+        return ""
+    last = nodes[come_to][(away[come_to] @ (1.0, 2.0)).argmin()]
+    return (
+        "undecided, and not looked for but in one chart alone (--chart): from about "
+        f"({last[0]:.2f}, {last[1]:.2f}) on the ground is steeper than friction {task.friction:g} "
+        f"holds, and what holds feet beyond is more than {far_m:.2f} m away"
+    )
 
 
 class GradientBoxes:

@@ -22,7 +22,7 @@ from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.walk import FootPhases, Walk
-from ..terrain.heightfield import cubics, rows_of
+from ..terrain.heightfield import CubicBasis, cubics, rows_of
 from .charts.warped import Chart, Pushforward
 from .transcription.taylor import Features, Rows, Selection, TaylorMap, VariableGroup, identity
 from .walk_table import GaitSettings
@@ -61,22 +61,6 @@ def clamped_basis(shares: Array, pieces: int, order: int = 0) -> csr_array:
 def clamped_knots(pieces: int) -> Array:
     """Knots of the clamped cubic B-splines on [0, 1], their ends fourfold, shape (pieces + 7,)."""
     return np.concatenate([np.zeros(_DEGREE), np.linspace(0.0, 1.0, pieces + 1), np.ones(_DEGREE)])
-
-
-def _greville(knots: Array) -> Array:
-    """Place where each coefficient of a cubic B-spline acts most: the mean of its three inner
-    knots.
-    """
-    return np.asarray((knots[1:-3] + knots[2:-2] + knots[3:-1]) / 3.0)
-
-
-def _uniform_greville(duration_s: float, knot_s: float) -> Array:
-    """Greville times of the uniform B-splines on [0, duration] [s]; the first and the last lie
-    outside.
-    """
-    return np.asarray(
-        knot_s * (np.arange(_uniform_size(duration_s, knot_s)) - 1.0), dtype=np.float64
-    )
 
 
 def _basis(x: Array, knots: Array, order: int) -> csr_array:
@@ -190,8 +174,11 @@ class GaitLayout:
 
     @property
     def torso_times_s(self) -> Array:
-        """When each coefficient of the torso's spline acts most, shape (coefficients,) [s]."""
-        return _uniform_greville(self.duration_s, self.torso_knot_s)
+        """When each coefficient of the torso's spline acts most, shape (coefficients,) [s]; the
+        first and the last outside of [0, duration].
+        """
+        coefficients = np.arange(_uniform_size(self.duration_s, self.torso_knot_s))
+        return np.asarray(self.torso_knot_s * (coefficients - 1.0))
 
     def _take(self, shape: tuple[int, ...]) -> Index:
         count = int(np.prod(shape))
@@ -280,7 +267,7 @@ class GaitLayout:
         """When each coefficient of a stance's force acts most, shape (coefficients,) [s]."""
         begin, end = self.feet[foot].phases.stance(stance)
         pieces = len(self.feet[foot].forces[stance]) - 3
-        return begin + (end - begin) * _greville(clamped_knots(pieces))
+        return begin + (end - begin) * CubicBasis(clamped_knots(pieces)).greville
 
     def entry_rows(self, entries: Index) -> csr_array:
         """Rows that read entries, shape (entries.size, size); NOTHING reads 0."""

@@ -202,7 +202,7 @@ def read_walk(path: str | Path) -> _WalkTable:
         raise InvalidInput(f"{path}: expected {table.name} or {packed.name} beside it, got {came}")
     where = table if table.exists() else packed
     with located(str(where)):
-        samples = _of_table(table, robot) if table.exists() else _of_archive(packed, robot)
+        samples = _of_table(table, robot) if table.exists() else _samples(read_archive(packed), robot)
         trajectory = Trajectory(
             **samples,
             problem=WalkQuestion(
@@ -266,10 +266,6 @@ def _of_table(path: Path, robot: Robot) -> dict[str, Any]:
     if all(name in column for name in optional):
         arrays["stands"] = np.stack([column[name] for name in optional], axis=1)
     return _samples(arrays, robot)
-
-
-def _of_archive(path: Path, robot: Robot) -> dict[str, Any]:
-    return _samples(read_archive(path), robot)
 
 
 def _samples(arrays: Mapping[str, Array], robot: Robot) -> dict[str, Any]:

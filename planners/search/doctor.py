@@ -136,7 +136,19 @@ def diagnosed(
         mended = _mended(there, robot, ground, blamed, deadline)
     if mended is not None:
         where = "; ".join(filter(None, (_moved(there, mended), where)))
-    found = mended or plan or next(iter(proofs), None) or _as_given(course)
+    found = (
+        mended
+        or plan
+        or next(iter(proofs), None)
+        or Plan(  # the sequence as it came, without forces
+            problem=course,
+            com_m=course.com_nominal_m,
+            rotation_rad=np.zeros((course.frames, 3)),
+            toes_m=np.array([each.candidates[0].centre_m for each in course.footholds]),
+            choice=np.zeros(len(course.footholds), dtype=int),
+            forces_n=np.zeros((len(course.stances), len(course.robot.limbs), 3)),
+        )
+    )
     return Report(groups=tuple(groups), answer=found, tolerance=0.0, defect=defect, remark=where)
 
 
@@ -296,15 +308,3 @@ def _moved(rows: Rows, plan: Plan) -> str:
             far.append((off_m, f"{foot} of step {step} by {1e3 * off_m:.0f} mm"))
     moved = ", ".join(words for _, words in sorted(far, reverse=True))
     return f"it holds with {moved}" if moved else "it holds with all feet within 2 mm"
-
-
-def _as_given(course: Problem) -> Plan:
-    """The sequence as it came, without forces."""
-    return Plan(
-        problem=course,
-        com_m=course.com_nominal_m,
-        rotation_rad=np.zeros((course.frames, 3)),
-        toes_m=np.array([each.candidates[0].centre_m for each in course.footholds]),
-        choice=np.zeros(len(course.footholds), dtype=int),
-        forces_n=np.zeros((len(course.stances), len(course.robot.limbs), 3)),
-    )

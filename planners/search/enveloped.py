@@ -141,7 +141,11 @@ class _Search:
         if not open_:
             self._message = self._message or "the directions of least steps are parted no further"
             return None
-        e = min(open_, key=lambda e: (_breadth(sides[e]), self._room[e], lengths[e]))
+        breadths = {
+            e: np.inf if (side := sides[e]) is None else float(np.linalg.norm(side[0] - side[1]))
+            for e in open_
+        }
+        e = min(open_, key=lambda e: (breadths[e], self._room[e], lengths[e]))
         self._parts += 1
         pieces = parts(sides[e])
         order = np.argsort([-float((piece @ steps[e]).min()) for piece in pieces], kind="stable")
@@ -195,10 +199,6 @@ class _Search:
             for e, side in enumerate(sides)
         ]
         return np.array(rows)
-
-
-def _breadth(side: Array | None) -> float:
-    return math.inf if side is None else float(np.linalg.norm(side[0] - side[1]))
 
 
 def _most(course: Problem) -> Array:

@@ -212,7 +212,15 @@ def make_planner(
 
     def remake(limit_s: float) -> Planner:
         limited = replace(options, time_limit_s=min(limit_s, whole_s))
-        return make(_copied(limited, whole_s, settings))  # type: ignore[no-any-return]
+        return make(  # type: ignore[no-any-return]
+            replace(  # copies, since theirs may write to what it is given; with a time limit always
+                limited,
+                programs=Programs(),
+                acceptance=replace(limited.acceptance),
+                time_limit_s=limited.limit(whole_s),
+                settings=dict(settings),
+            )
+        )
 
     with foreign(f"method {method}"):
         planner = remake(whole_s)
@@ -291,16 +299,3 @@ def _checked(method: Method, settings: Mapping[str, Any]) -> Method:
 
 def _called(planner: object) -> str:
     return str(getattr(planner, "name", type(planner).__name__))
-
-
-def _copied(options: PlannerOptions, limit_s: float, settings: Mapping[str, Any]) -> PlannerOptions:
-    """Options for a planner from elsewhere, which may write to what it is given; with a time limit
-    always.
-    """
-    return replace(
-        options,
-        programs=Programs(),
-        acceptance=replace(options.acceptance),
-        time_limit_s=options.limit(limit_s),
-        settings=dict(settings),
-    )

@@ -472,7 +472,9 @@ def _whole(pieces: Pieces, method: str, spent: Sequence[Effort], end: float) -> 
         problem=pieces.course,
         solution=pieces.plan,
         details=details,
-        effort=_sum(spent),
+        effort=Effort(
+            **{each.name: sum(getattr(one, each.name) for one in spent) for each in fields(Effort)}
+        ),
     )
     if pieces.failed is None and pieces.plan is not None:
         tried = [np.round(path, 3).tolist() for path in pieces.tried_m]
@@ -498,12 +500,6 @@ def _whole(pieces: Pieces, method: str, spent: Sequence[Effort], end: float) -> 
         report=failed.report if failed.solution is not None else None,
         message=message,
     )
-
-
-def _sum(spent: Sequence[Effort]) -> Effort:
-    """All efforts together, count by count and clock by clock."""
-    names = [field.name for field in fields(Effort)]
-    return Effort(**{name: sum(getattr(one, name) for one in spent) for name in names})
 
 
 def _loaded(question: Problem | LayOut, wrench: Array | None) -> Problem | LayOut:
@@ -564,13 +560,9 @@ def _on_steep_ground(question: LayOut) -> Problem | None:
         course = question("inner", AS_ASKED)
     except (InvalidInput, PlanningFailed):
         return None
-    return None if _gradient(course) < _STEEP or in_pieces(course) else course
-
-
-def _gradient(course: Problem) -> float:
-    """Gradient of the ground below toes, in the median of all footholds."""
     normals = np.abs([each.candidates[0].normal for each in course.footholds])
-    return float(np.median(np.hypot(*normals[:, :2].T) / np.maximum(normals[:, 2], 1e-9)))
+    gradient = np.median(np.hypot(*normals[:, :2].T) / np.maximum(normals[:, 2], 1e-9))
+    return None if gradient < _STEEP or in_pieces(course) else course
 
 
 def _laid_out(
@@ -674,7 +666,9 @@ def _refuted(
     there is none.
     """
     try:
-        outer = question("outer", AS_ASKED) if callable(question) else _as_wide(question)
+        outer = question("outer", AS_ASKED) if callable(question) else question
+        if outer is question and outer.tilt_limit_rad == LEVEL_RAD:  # as where it is laid out
+            outer = replace(outer, tilt_limit_rad=TILT_LIMIT_RAD)
         outer = replace(outer, robot=outer.robot.sets("outer"))
     except InvalidInput as error:  # legs that nobody can measure
         return _undecided(inner, f"{UNPROVED}: {error}")
@@ -683,19 +677,6 @@ def _refuted(
     if outcome is not None and outcome.certificate is not None:
         return outcome
     return _undecided(inner, _NO_TIME if outcome is None else UNPROVED)
-
-
-def _as_wide(course: Problem) -> Problem:
-    """Widen the tilt limit of a course from the default of plans to that of proofs; return other
-    courses as they are.
-
-    With this a loaded course and the file that it was made from get the same proof.
-    """
-    return (
-        replace(course, tilt_limit_rad=TILT_LIMIT_RAD)
-        if course.tilt_limit_rad == LEVEL_RAD
-        else course
-    )
 
 
 def _slipping(refuted: Answer[Plan], alternative: Alternative) -> str:

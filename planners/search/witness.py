@@ -121,7 +121,9 @@ def judged(
     )  # which nothing was asked of yet
     LOG.info("plan: %s", report.message)
     undecided = not report.accepted or report.late
-    tips = "" if undecided or _on_a_line(plan) else tipping(plan, LEAST_PUSH)
+    on_a_line = len(plan.problem.robot.limbs) < 3 and not plan.problem.has_soles
+    # no stance on a line bears a push: its plan is one of balance alone, which ``run`` refuses
+    tips = "" if undecided or on_a_line else tipping(plan, LEAST_PUSH)
     return replace(
         outcome,
         status=Status.UNDECIDED if undecided or tips else outcome.status,
@@ -130,13 +132,6 @@ def judged(
         residual=report.worst,
         report=report,
     )
-
-
-def _on_a_line(plan: Plan) -> bool:
-    """Tell whether a robot has one or two point feet, on which no stance bears a push: its plan is
-    one of balance alone, its margin says so, and ``run`` refuses it.
-    """
-    return len(plan.problem.robot.limbs) < 3 and not plan.problem.has_soles
 
 
 def _reason(report: Report[Plan], *, bent: bool) -> str:

@@ -233,14 +233,14 @@ def _area(patch: Patch) -> float:
 
 def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
     """All patches face outward on the hull of all of them, and leave nothing of it open."""
-    from scipy.spatial import ConvexHull  # slow to import
-
     middle = corners.mean(axis=0)
     flat = np.linalg.matrix_rank(corners - middle, tol=_WELD_M) < 3
     if flat or any(
         ((corners - patch.vertices_m[0]) @ patch.normal).max() > _WELD_M for patch in patches
     ):
         return False
+    from scipy.spatial import ConvexHull  # slow to import
+
     return abs(ConvexHull(corners).area / sum(map(_area, patches)) - 1.0) < _SAME_AREA
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from ...files.arrays import Array
@@ -23,17 +21,8 @@ def terrain_following(structure: Structure) -> Array:
     """
     x, walk = np.zeros(structure.layout.size), GuessedWalk(structure)
     x[structure.layout.torso] = walk.torso_bar(structure.layout.torso_times_s)
-    return _with_feet(x, structure, walk, walk.footholds)
-
-
-def _with_feet(
-    x: Array, structure: Structure, walk: GuessedWalk, footholds: Callable[[int], Array]
-) -> Array:
-    """The vector with the feet on footholds, by foot of shape (S + 1, 3) [m], and a walk's swings
-    and forces.
-    """
     for number, foot in enumerate(structure.layout.feet):
-        stood = footholds(number)
+        stood = walk.footholds(number)
         bar = structure.chart.foot_bar(stood)
         _put(x, foot.stances, bar)
         x[foot.swings] = walk.swings_bar(number, stood, bar)

@@ -37,7 +37,7 @@ from ...verify.trajectory_measurements import TrajectoryMeasurements
 from ..charts import CHARTS
 from ..constraints.dynamics import LegLoads, dynamics, torque
 from ..constraints.feet import Overlaps, apart, reach
-from ..forbidden import forbidden
+from ..forbidden import forbidden, unheld
 from ..gait_program import GaitProgram, GaitSolution, terms
 from ..transcription.taylor import Block, Constraint
 from ..variables import Structure
@@ -645,7 +645,11 @@ class Attempts:
         """The best attempt, accepted or not; verified before feasible before the rest; None where
         none began.
         """
-        return min(self.attempts, key=_merit, default=None)
+        return min(
+            self.attempts,
+            key=lambda one: (not one.solution.success, *_rank(one.report)),
+            default=None,
+        )
 
     @property
     def seconds(self) -> float:
@@ -690,7 +694,8 @@ def plan_gait(
 
     Returns:
         The ``Attempts``. ``best`` is the best of them, accepted or not, ``message`` says what it
-        was refused for, and ``answer`` is what ``stancekit.walk`` returns.
+        was refused for, and ``answer`` is what ``stancekit.walk`` returns. There are none where
+        friction forbids a walk, or, but for a single attempt, holds no feet on the way.
 
     Raises:
         InvalidInput: for settings that do not fit the task, and for an unknown chart.
@@ -699,7 +704,9 @@ def plan_gait(
         densification are the house's.
     """
     settings = settings or GaitSettings()
-    if reason := forbidden(task, settings):
+    if reason := forbidden(task, settings) or (
+        unheld(task) if attempts is None or len(attempts) > 1 else ""
+    ):
         return Attempts(walk=task, attempts=(), feasible=(), solves=(), failures=(reason,))
     todo = default_attempts(task) if attempts is None else list(attempts)
     caps = caps or Caps()
@@ -881,8 +888,3 @@ def _rank(report: Report[Trajectory]) -> tuple[bool, float]:
     return True, max(
         (group.value / max(group.limit, 1e-3) for group in report.refused), default=float("inf")
     )
-
-
-def _merit(one: Attempted) -> tuple[bool, bool, float]:
-    """Verified before feasible before the rest."""
-    return not one.solution.success, *_rank(one.report)

@@ -373,18 +373,6 @@ class _IterateRecorder(cs.Callback):
         """Number of values that IPOPT gives."""
         return int(cs.nlpsol_n_out())
 
-    def get_n_out(self) -> int:
-        """The answer alone."""
-        return 1
-
-    def get_name_in(self, i: int) -> str:
-        """CasADi's names."""
-        return str(cs.nlpsol_out(i))
-
-    def get_name_out(self, i: int) -> str:
-        """CasADi's name."""
-        return "ret"
-
     def get_sparsity_in(self, i: int) -> cs.Sparsity:
         """All dense."""
         return cs.Sparsity.dense(self._sizes[cs.nlpsol_out(i)], 1)

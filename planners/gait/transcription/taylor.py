@@ -162,14 +162,6 @@ class Jets(cs.Callback):
         self._map, self._order, self._count, self._errors = chart_map, order, count, errors
         self.construct("jets", {})
 
-    def get_n_in(self) -> int:
-        """The points alone."""
-        return 1
-
-    def get_n_out(self) -> int:
-        """The jets alone."""
-        return 1
-
     def get_sparsity_in(self, i: int) -> cs.Sparsity:
         """All dense."""
         return cs.Sparsity.dense(self._map.inputs, self._count)

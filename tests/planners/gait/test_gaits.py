@@ -16,7 +16,7 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.gait.charts import CHARTS
-from stancekit.planners.gait.forbidden import GradientBoxes, forbidden
+from stancekit.planners.gait.forbidden import GradientBoxes, forbidden, unheld
 from stancekit.planners.gait.gait_program import formulate
 from stancekit.planners.gait.method.portfolio import plan_gait
 from stancekit.planners.gait.method.smoothing import smoothed
@@ -267,17 +267,14 @@ def test_suction_that_does_not_hold_the_weight_is_no_way_up() -> None:
 
 def test_the_benchmarks_are_not_forbidden_and_neither_is_what_sticks() -> None:
     for name, start, goal in (("ripple", (0, 0), (1.8, 0.5)), ("cone", (-2.2, 0), (0.5, 0.2))):
-        asked = Walk(
-            robot=anymal(),
-            terrain=reference_terrain(name),
-            start=np.array(start),
-            goal=np.array(goal),
-        )
-        assert forbidden(asked, GaitSettings()) == ""
-    stuck = task(ramp(0.9, 0.0), 0.3, adhesive=(True, True, False, False))
-    assert forbidden(stuck, GaitSettings()) == ""
-    walker = task(ramp(0.9, 0.0), 0.3, robot=hexapod_walker(), gait="tripod", goal=(0.2, 0.0))
-    assert forbidden(walker, GaitSettings())
+        assert forbidden(Walk.over(name, goal, start=start), GaitSettings()) == ""
+    assert not forbidden(
+        task(ramp(0.9, 0.0), 0.3, adhesive=(True, True, False, False)), GaitSettings()
+    )
+    assert forbidden(
+        task(ramp(0.9, 0.0), 0.3, robot=hexapod_walker(), gait="tripod", goal=(0.2, 0.0)),
+        GaitSettings(),
+    )
 
 
 def test_the_boxes_hold_every_gradient() -> None:
@@ -293,8 +290,15 @@ def test_the_boxes_hold_every_gradient() -> None:
 
 
 def test_a_plan_of_a_forbidden_walk_is_its_reason_and_no_solve() -> None:
-    plan = plan_gait(task(ramp(0.6, 0.0), 0.3))
-    assert_names(plan.message, "start (0, 0)", "weight")
-    assert plan.solves == ()
+    up = Walk.over("hill", (-0.4, 0.35), start=(-2.6, 0.0))
+    for walk, names in (
+        (task(ramp(0.6, 0.0), 0.3), ("start (0, 0)", "weight")),
+        (up, ("undecided", "(-1.", "friction 0.75", "--chart")),
+        (Walk.over("hill", up.start, start=up.goal), ("undecided", "(-0.", "friction 0.75")),
+    ):
+        assert_names(plan_gait(walk).message, *names)
+        assert plan_gait(walk).solves == ()
+    for ground, feet in ((up.terrain.scaled(0.9), ()), ("hill", ("LF", "RF"))):
+        assert unheld(Walk.over(ground, up.goal, start=up.start, adhesive=feet)) == ""
     with refuses("friction"):
         task(ramp(0.6, 0.0), 0.0)
