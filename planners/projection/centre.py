@@ -25,7 +25,7 @@ from ..answer.plan import Plan
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.layout import Fill, Index
 from ..equilibrium.rows import Rows
-from ..equilibrium.scaled import Scaled, skew
+from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
@@ -46,6 +46,9 @@ if TYPE_CHECKING:
 
 APART_M = 0.03
 """Moments are looked at so far apart: a third of those that are judged."""
+_FARTHER_M = 0.01
+"""A leg that could not follow its foot's path so much farther from its hip, or nearer to it, is near the
+end of its reach [m]."""
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
@@ -58,7 +61,8 @@ class Nearness:
     """K pairs of bodies that are near at some moment of a path, and feet that stay from it.
 
     Arguments:
-        distance_m: shape (K,), negative inside, and of a foot by how much it stays.
+        distance_m: shape (K,), negative inside; of a foot how much farther it would follow, beyond what bodies
+            should keep.
         slopes: of the distances, in metres a metre or radian, in the numbers of M key frames and P
             toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m].
         astray_m: how far feet stay from their path.
@@ -75,6 +79,20 @@ class Nearness:
         falls = abs(self.slopes) @ rooms_m
         near = np.flatnonzero(self.distance_m - falls < clearance_m)
         return replace(self, distance_m=self.distance_m[near], slopes=self.slopes[near])
+
+    def moved(self, at: Given, point: Point, turned_rad: Array) -> Nearness:
+        """The same about another point, with joints that are turned so far, shape (M, J), to first
+        order.
+        """
+        length_m, held = at.scaled.length_m, at.held
+        changes = (
+            length_m * (point.com - held.com),
+            point.rotation - held.rotation,
+            turned_rad,
+            length_m * (point.toes - held.toes),
+        )
+        change = np.concatenate([each.ravel() for each in changes])
+        return replace(self, distance_m=self.distance_m + self.slopes @ change)
 
     def missing(self, clearance_m: float) -> Array:
         """Shortfall of a distance, shape (K,) [m]."""
@@ -122,14 +140,14 @@ class PathClearance:
             for leg in range(-1, len(self._solver.model.legs)):
                 of = np.flatnonzero(movers[:, 0] == leg)
                 slopes.add(leg, rows[of], times[of], movers[of, 1], points[of], push[of])
-        feet = _astray(moments, postures)
-        for row, (t, leg) in enumerate(feet, len(near)):
-            slopes.add_foot(leg, np.array([row]), np.array([t]))
+        ends = _ends_of_reach(self._solver, moments, postures)
+        for row, (t, leg, _, out) in enumerate(ends, len(near)):
+            slopes.add_foot(leg, np.array([row]), np.array([t]), out)
         assert postures.error_m is not None
-        missed = [-float(postures.error_m[t, leg]) for t, leg in feet]
+        left = [clearance_m + room for _, _, room, _ in ends]
         return Nearness(
-            distance_m=np.array([*(each.distance_m for _, each in near), *missed]),
-            slopes=slopes.matrix(len(near) + len(feet)),
+            distance_m=np.array([*(each.distance_m for _, each in near), *left]),
+            slopes=slopes.matrix(len(near) + len(ends)),
             astray_m=float(postures.error_m.max()),
         )
 
@@ -148,15 +166,35 @@ def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int
     return sorted(nearest, key=lambda each: each[0])
 
 
-def _astray(moments: PathMoments, postures: WholeBody) -> list[tuple[int, int]]:
-    """Moment at which each limb that stays from its path in a step does so most, and the limb."""
-    worst = dict[tuple[int, int], int]()
+def _ends_of_reach(
+    solver: Kinematics, moments: PathMoments, postures: WholeBody
+) -> list[tuple[int, int, float, Array]]:
+    """Moment of every step at which each limb is nearest to the end of its reach, if it is near; the
+    limb, how much farther its foot would follow, negative where it stays from its path [m], and the
+    direction from the foot to where it does not get, in the world.
+    """
+    ends = dict[tuple[int, int], tuple[int, int, float, Array]]()
     assert postures.error_m is not None
-    for t, limb in np.argwhere(postures.error_m > STRAY_M).tolist():
-        key = int(moments.step[t]), limb
-        if key not in worst or postures.error_m[t, limb] > postures.error_m[worst[key], limb]:
-            worst[key] = t
-    return [(t, limb) for (_, limb), t in worst.items()]
+    for limb, leg in enumerate(solver.model.legs):
+        angles, turns = postures.angles[:, solver.joints_of(limb)], postures.rotation
+        feet, hips = leg.chain.feet(angles), leg.chain.frames(angles)[1][:, 0]
+        goals = np.einsum("tij,ti->tj", turns, moments.feet_m[:, limb] - postures.origin_m)
+        away = (feet - hips) / np.linalg.norm(feet - hips, axis=1, keepdims=True)
+        astray = postures.error_m[:, limb] > STRAY_M
+        for farther_m in (0.0, _FARTHER_M, -_FARTHER_M):
+            there, goal = feet, goals + farther_m * away
+            if farther_m:
+                up = np.einsum("tij,ti->tj", turns, moments.ups[:, limb])
+                found, _ = descend(leg, goal, angles, up, steps=_STEPS_OF_A_LEG)
+                there = leg.chain.feet(found)
+            missed = np.linalg.norm(goal - there, axis=1)
+            for t in np.flatnonzero((missed > STRAY_M) & (astray == (not farther_m))).tolist():
+                out, key = (goal[t] - there[t]) / missed[t], (int(moments.step[t]), limb)
+                room = float(out @ (there[t] - goals[t]))
+                room = max(room, 0.0) if farther_m else room
+                if key not in ends or room < ends[key][2]:
+                    ends[key] = t, limb, room, turns[t] @ out
+    return list(ends.values())
 
 
 def keep_clear(
@@ -270,16 +308,15 @@ class _Slopes:
             self._sizes[0], rows, times, np.einsum("ki,kij->kj", by_turn, self._turns[times])
         )
 
-    def add_foot(self, leg: int, rows: Index, times: Index) -> None:
-        """A leg's foot that stays from its path: less where the body goes to its place, or its
-        place to the body.
+    def add_foot(self, leg: int, rows: Index, times: Index, push: Array) -> None:
+        """A leg's foot that stays from its path, or nearly does, this way: less where the body goes
+        to its place, or its place to the body.
         """
         moments, postures = self._moments, self._postures
         joints, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
         feet = chain.feet(postures.angles[np.ix_(times, joints)])
         feet = postures.origin_m[times] + np.einsum("kij,kj->ki", postures.rotation[times], feet)
-        push = moments.feet_m[times, leg] - feet
-        push = push / np.linalg.norm(push, axis=1, keepdims=True)
+        push = push[None]
         by_turn = cross(feet - moments.com_m[times], push)
         self._body(0, rows, times, push)
         self._body(

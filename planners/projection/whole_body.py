@@ -569,7 +569,7 @@ class _Stage:
         """An exact plan after a step; None where there is none.
 
         Where the forces of the step cannot be mended alone, body and joints are found once more for
-        its toes.
+        its toes, with bodies as far apart as the step says that they are.
         """
         spare = _SPARE * min(radius, 1.0)
         firmer = np.where(scaled.force_min > 0.0, scaled.force_min + spare, scaled.force_min)
@@ -590,10 +590,9 @@ class _Stage:
             return None
         other = restoration.restore(*restored, wanted=self._limits.share)
         if other is None:
-            point, angles = restored
-            at = replace(
-                at, scaled=scaled, about=point, angles=np.clip(angles, *self._bounds), near=None
-            )
+            point, angles = restored[0], np.clip(restored[1], *self._bounds)
+            near = None if at.near is None else at.near.moved(at, point, angles - at.angles)
+            at = replace(at, scaled=scaled, about=point, angles=angles, near=near)
             restored = self._solved(at, hold_toes=True)
             other = (
                 None
