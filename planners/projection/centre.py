@@ -49,6 +49,8 @@ APART_M = 0.03
 _FARTHER_M = 0.01
 """A leg that could not follow its foot's path so much farther from its hip, or nearer to it, is near the
 end of its reach [m]."""
+_SOLE = 1.0
+"""Ground that is so near to a toe, in radii of its foot, is what the foot stands on."""
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
@@ -61,14 +63,16 @@ class Nearness:
     """K pairs of bodies that are near at some moment of a path, and feet that stay from it.
 
     Arguments:
-        distance_m: shape (K,), negative inside; of a foot how much farther it would follow, beyond what bodies
-            should keep.
+        distance_m: shape (K,), negative inside; of a foot how far it stays, negative, or how much
+            farther it would follow, beyond what bodies should keep.
+        feet: which are those of feet, for which 0 is enough, shape (K,).
         slopes: of the distances, in metres a metre or radian, in the numbers of M key frames and P
             toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m].
         astray_m: how far feet stay from their path.
     """
 
     distance_m: Array
+    feet: NDArray[np.bool_]
     slopes: csr_array
     astray_m: float
 
@@ -78,7 +82,8 @@ class Nearness:
         """
         falls = abs(self.slopes) @ rooms_m
         near = np.flatnonzero(self.distance_m - falls < clearance_m)
-        return replace(self, distance_m=self.distance_m[near], slopes=self.slopes[near])
+        chosen = {name: getattr(self, name)[near] for name in ("distance_m", "feet", "slopes")}
+        return replace(self, **chosen)
 
     def moved(self, at: Given, point: Point, turned_rad: Array) -> Nearness:
         """The same about another point, with joints that are turned so far, shape (M, J), to first
@@ -96,7 +101,7 @@ class Nearness:
 
     def missing(self, clearance_m: float) -> Array:
         """Shortfall of a distance, shape (K,) [m]."""
-        return np.asarray(np.maximum(clearance_m - self.distance_m, 0.0))
+        return np.asarray(np.maximum(np.where(self.feet, 0.0, clearance_m) - self.distance_m, 0.0))
 
 
 class PathClearance:
@@ -107,6 +112,13 @@ class PathClearance:
     def __init__(self, plan: Plan, solver: Kinematics, deadline: float = math.inf) -> None:
         self._solver, self._deadline = solver, deadline
         self._bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
+        feet = {leg.foot: i for i, leg in enumerate(solver.model.legs)}
+        self._no_balls = {
+            k: feet[shape.link]
+            for k, (shape, _) in enumerate(link_shapes(solver.model)[0])
+            if shape.link in feet and shape.kind != "sphere"
+        }
+        """Legs by the number of a shape of their feet that is no ball."""
 
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """Find the bodies that are nearer than that and a little more, at moments this far apart:
@@ -120,7 +132,12 @@ class PathClearance:
         loose = replace(
             postures, stands=np.ones_like(postures.stands)
         )  # feet lift off what they stand on
-        near = _nearest(self._bodies.near(loose, clearance_m + NEAR_M), clearance_m)
+        near = [
+            (t, each)
+            for t, each in self._bodies.near(loose, clearance_m + NEAR_M)
+            if not self._touches(each, postures.toes_m[t])
+        ]
+        near = _nearest(near, clearance_m)
         mounts = [self._solver.model.mounts[link] for link in self._bodies.links]
         carriers = np.array(
             [(-1 if of.leg is None else of.leg, of.joint) for of in mounts] + [(-2, 0)]
@@ -144,12 +161,21 @@ class PathClearance:
         for row, (t, leg, _, out) in enumerate(ends, len(near)):
             slopes.add_foot(leg, np.array([row]), np.array([t]), out)
         assert postures.error_m is not None
-        left = [clearance_m + room for _, _, room, _ in ends]
+        rooms = [room if room < 0.0 else clearance_m + room for _, _, room, _ in ends]
         return Nearness(
-            distance_m=np.array([*(each.distance_m for _, each in near), *left]),
+            distance_m=np.array([*(each.distance_m for _, each in near), *rooms]),
+            feet=np.arange(len(near) + len(ends)) >= len(near),
             slopes=slopes.matrix(len(near) + len(ends)),
             astray_m=float(postures.error_m.max()),
         )
+
+    def _touches(self, near: Near, toes_m: Array) -> bool:
+        """Tell whether that is where a foot that is no ball meets what it stands on."""
+        leg = self._no_balls.get(near.shape)
+        if leg is None or near.other >= 0:
+            return False
+        away_m = float(np.linalg.norm(near.points_m[1] - toes_m[leg]))
+        return away_m < _SOLE * self._solver.radii_m[leg]
 
 
 def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int, Near]]:
@@ -180,20 +206,22 @@ def _ends_of_reach(
         feet, hips = leg.chain.feet(angles), leg.chain.frames(angles)[1][:, 0]
         goals = np.einsum("tij,ti->tj", turns, moments.feet_m[:, limb] - postures.origin_m)
         away = (feet - hips) / np.linalg.norm(feet - hips, axis=1, keepdims=True)
-        astray = postures.error_m[:, limb] > STRAY_M
+        up = np.einsum("tij,ti->tj", turns, moments.ups[:, limb])
+        error_m = postures.error_m[:, limb]
         for farther_m in (0.0, _FARTHER_M, -_FARTHER_M):
-            there, goal = feet, goals + farther_m * away
+            goal, there, room = goals, feet, -error_m
             if farther_m:
-                up = np.einsum("tij,ti->tj", turns, moments.ups[:, limb])
-                found, _ = descend(leg, goal, angles, up, steps=_STEPS_OF_A_LEG)
-                there = leg.chain.feet(found)
+                goal = feet + farther_m * away
+                there = leg.chain.feet(descend(leg, goal, angles, up)[0])
             missed = np.linalg.norm(goal - there, axis=1)
-            for t in np.flatnonzero((missed > STRAY_M) & (astray == (not farther_m))).tolist():
-                out, key = (goal[t] - there[t]) / missed[t], (int(moments.step[t]), limb)
-                room = float(out @ (there[t] - goals[t]))
-                room = max(room, 0.0) if farther_m else room
-                if key not in ends or room < ends[key][2]:
-                    ends[key] = t, limb, room, turns[t] @ out
+            out = (goal - there) / np.maximum(missed, STRAY_M)[:, None]
+            if farther_m:
+                room = np.maximum(np.vecdot(out, there - feet), 0.0)
+            of = (missed > STRAY_M) & ((error_m > STRAY_M) == (not farther_m))
+            for t in np.flatnonzero(of).tolist():
+                key = int(moments.step[t]), limb
+                if key not in ends or room[t] < ends[key][2]:
+                    ends[key] = t, limb, float(room[t]), turns[t] @ out[t]
     return list(ends.values())
 
 
