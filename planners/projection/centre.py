@@ -174,8 +174,8 @@ class PathClearance:
         leg = self._no_balls.get(near.shape)
         if leg is None or near.other >= 0:
             return False
-        away_m = float(np.linalg.norm(near.points_m[1] - toes_m[leg]))
-        return away_m < _SOLE * self._solver.radii_m[leg]
+        away_m = np.linalg.norm(near.points_m[1] - toes_m[leg])
+        return bool(away_m < _SOLE * self._solver.radii_m[leg])
 
 
 def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int, Near]]:

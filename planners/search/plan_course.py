@@ -32,7 +32,7 @@ from ..problem.alternatives import (
     ordered,
 )
 from ..problem.course_keys import LEVEL_RAD
-from ..problem.guide_path import BAR
+from ..problem.guide_path import Overhead
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.centre import at_clear_places, walls_of, with_room_for_legs
 from ..projection.held import PRESSES, PUSHES, pushed
@@ -606,7 +606,10 @@ def _laid_out(
                 left = ordered(left, "contacts")
                 if not stated and len(layouts) > 1:
                     left = [*left, *LOW]
-                    if BAR in str(error):  # the highest of lower ones first
+                    said = error.args[0]
+                    if isinstance(
+                        said() if callable(said) else said, Overhead
+                    ):  # the highest first
                         left.sort(key=lambda each: (each.height >= 1.0, -min(each.height, 1.0)))
             refusal = refusal or error
             continue
