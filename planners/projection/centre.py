@@ -101,7 +101,8 @@ class Nearness:
 
     def missing(self, clearance_m: float) -> Array:
         """Shortfall of a distance, shape (K,) [m]."""
-        return np.asarray(np.maximum(np.where(self.feet, 0.0, clearance_m) - self.distance_m, 0.0))
+        enough_m = np.where(self.feet, 0.5, 1.0) * clearance_m
+        return np.asarray(np.maximum(enough_m - self.distance_m, 0.0))
 
 
 class PathClearance:
@@ -161,7 +162,7 @@ class PathClearance:
         for row, (t, leg, _, out) in enumerate(ends, len(near)):
             slopes.add_foot(leg, np.array([row]), np.array([t]), out)
         assert postures.error_m is not None
-        rooms = [room if room < 0.0 else clearance_m + room for _, _, room, _ in ends]
+        rooms = [0.5 * clearance_m + room for _, _, room, _ in ends]
         return Nearness(
             distance_m=np.array([*(each.distance_m for _, each in near), *rooms]),
             feet=np.arange(len(near) + len(ends)) >= len(near),

@@ -142,6 +142,9 @@ _ENOUGH = 0.5
 _PATIENCE, _HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are
 tried."""
+_TRIED, _LEFT = 3, 0.3
+"""Every so many steps leave no more than this share of the price of a plan that is bent only if it is
+near to holding, or no more are tried."""
 _TIGHTER, _ROOM = 3, 0.95
 """So often less torque is allowed at key frames, where between them there is more than this share
 of the limit."""
@@ -542,8 +545,10 @@ class _Stage:
             stalled = (
                 len(before) > _PATIENCE and before[-1] > (1.0 - _HEADWAY) * before[-1 - _PATIENCE]
             )
+            due = before[0] * _LEFT ** ((len(before) - 1) // _TRIED)
+            slow = before[-1] > due and self._limits.deepest_m < np.inf  # of one that has others
             enough = state.at.share <= self._limits.share and not state.too_near
-            if enough or stalled or radius < _NARROWEST:
+            if enough or stalled or slow or radius < _NARROWEST:
                 break
             restored = self._step(scaled, restoration, state, radius)
             if restored is not None and not keeps_to(

@@ -100,7 +100,7 @@ _LOOK_S = 6.0
 _NEAR_M = 0.003
 """A plan with no more than that missing between its bodies and on its feet's paths is bent in few
 steps [m]: no further layout is looked at."""
-_DEEP_M = 0.1
+_DEEP_M = 0.07
 """A plan beside walls whose bodies lack more is not bent: others are tried sooner [m]."""
 _BENT_M = 0.05
 """The same of a plan whose legs step over things."""
