@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3135, 42947),
     "learners": (5256, 78204),
-    "planners": (35574, 583800),
+    "planners": (35576, 583815),
     "runner": (6758, 91765),
     "views": (4384, 69884),
 }

@@ -360,6 +360,8 @@ def _at_key_frames(
         stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s, braced=braced)
         candidate, steps = stage.run(collides=after.excess[1] > 0.0)
         late = late or stage.late
+        if stage.slow:
+            break
         if candidate is None or (clearance is None and not check_plan(candidate).accepted):
             continue
         try:
@@ -420,7 +422,7 @@ class _Stage:
         *,
         braced: bool,
     ) -> None:
-        self._deadline, self.late = deadline, False
+        self._deadline, self.late, self.slow = deadline, False, False
         self._plan, self._solver, self._limits, self._limit_nm = (
             plan,
             solver,
@@ -546,9 +548,9 @@ class _Stage:
                 len(before) > _PATIENCE and before[-1] > (1.0 - _HEADWAY) * before[-1 - _PATIENCE]
             )
             due = before[0] * _LEFT ** ((len(before) - 1) // _TRIED)
-            slow = before[-1] > due and self._limits.deepest_m < np.inf  # of one that has others
+            self.slow = before[-1] > due and self._limits.deepest_m < np.inf  # others are tried
             enough = state.at.share <= self._limits.share and not state.too_near
-            if enough or stalled or slow or radius < _NARROWEST:
+            if enough or stalled or self.slow or radius < _NARROWEST:
                 break
             restored = self._step(scaled, restoration, state, radius)
             if restored is not None and not keeps_to(

@@ -100,10 +100,10 @@ _LOOK_S = 6.0
 _NEAR_M = 0.003
 """A plan with no more than that missing between its bodies and on its feet's paths is bent in few
 steps [m]: no further layout is looked at."""
-_DEEP_M = 0.05
+_DEEP_M = 0.08
 """A plan beside walls whose bodies lack more, for a robot of size 1, is not bent: others are tried sooner
 [m]."""
-_BENT_M = 0.05
+_BENT_M = 0.015
 """The same of a plan whose legs step over things."""
 _LAID = "no plan over this layout, which is one of many"
 """Of a proof about a layout that a planner chose, which proves nothing of what was asked."""
