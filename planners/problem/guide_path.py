@@ -79,14 +79,16 @@ _TRIES = 32
 _NEAR, TURN_RAD = 6, np.pi / 4.0
 """The direction of a way at a node is that between nodes so far before and after it, to an eighth
 of a turn."""
-BAR = "bar at "
-"""Words for what is over a way and leaves room below; a refusal that has them is one of height."""
 _MEASURED_M = 1e-3
 """Widths of gaps are measured to that [m]."""
 _MOST_MEASURED = 20_000
 """So many places at most to each side of where there is no ground."""
 _SHIFTS, _TURNED = 13, 8
 """So many lattices, each moved by other parts of its spacing along x and along y, measure a gap."""
+
+
+class Overhead(str):
+    """Words of a refusal for what is over a way and leaves room below, for a robot that is lower."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -624,11 +626,9 @@ class _Lattice:
                 f"solid that is {solid_m:.3g} m high; {nearest}"
             )
         if inside and np.isfinite(self.z_m[tuple(at)]):
-            number = int(self.by[tuple(at)])
-            raise NoPlace(
-                f"{name}: expected room for the robot about ({place[0]:g}, {place[1]:g}), got a "
-                f"{self._named(number, place)}; {nearest}"
-            )
+            what = self._named(int(self.by[tuple(at)]), place)
+            wanted = f"{name}: expected room for the robot about ({place[0]:g}, {place[1]:g})"
+            raise NoPlace(type(what)(f"{wanted}, got a {what}; {nearest}"))
         lacking = int(self.missing[tuple(at)]) if inside else 0
         names = self.footprint.names
         reason = (
@@ -713,7 +713,8 @@ class _Lattice:
         )
         ground = self._ground(place, near)
         if low > ground + 0.02:
-            return f"{BAR}{_at(near)}, {_m(low - ground)} to {_m(high - ground)} m above the ground"
+            heights = f"{_m(low - ground)} to {_m(high - ground)} m above the ground"
+            return Overhead(f"bar at {_at(near)}, {heights}")
         return f"wall at {_at(near)}, {_m(high - ground)} m high"
 
     def _refusal(self, start: Array, goal: Array, ends: list[int]) -> str:
@@ -748,7 +749,7 @@ class _Lattice:
         beyond = f"no way round within {around:.2g} m"
         if np.isfinite(self.z_m[i, j]):
             what = self._named(int(self.by[i, j]), place)
-            return f"{head}: {what}: {beyond}{self._widest(ends, width)}"
+            return type(what)(f"{head}: {what}: {beyond}{self._widest(ends, width)}")
         if self.missing[i, j] >= 0:
             toe = place + self.footprint.toes_m[int(self.missing[i, j]), :2]
             wall = self._wall_near(toe)

@@ -25,7 +25,7 @@ from ..answer.plan import Plan
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.layout import Fill, Index
 from ..equilibrium.rows import Rows
-from ..equilibrium.scaled import Scaled, skew
+from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
@@ -46,6 +46,11 @@ if TYPE_CHECKING:
 
 APART_M = 0.03
 """Moments are looked at so far apart: a third of those that are judged."""
+_FARTHER_M = 0.01
+"""A leg that could not follow its foot's path so much farther from its hip, or nearer to it, is near the
+end of its reach [m]."""
+_SOLE = 1.0
+"""Ground that is so near to a toe, in radii of its foot, is what the foot stands on."""
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
@@ -58,13 +63,16 @@ class Nearness:
     """K pairs of bodies that are near at some moment of a path, and feet that stay from it.
 
     Arguments:
-        distance_m: shape (K,), negative inside, and of a foot by how much it stays.
+        distance_m: shape (K,), negative inside; of a foot how far it stays, negative, or how much
+            farther it would follow, beyond what bodies should keep.
+        feet: which are those of feet, for which 0 is enough, shape (K,).
         slopes: of the distances, in metres a metre or radian, in the numbers of M key frames and P
             toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m].
         astray_m: how far feet stay from their path.
     """
 
     distance_m: Array
+    feet: NDArray[np.bool_]
     slopes: csr_array
     astray_m: float
 
@@ -74,11 +82,27 @@ class Nearness:
         """
         falls = abs(self.slopes) @ rooms_m
         near = np.flatnonzero(self.distance_m - falls < clearance_m)
-        return replace(self, distance_m=self.distance_m[near], slopes=self.slopes[near])
+        chosen = {name: getattr(self, name)[near] for name in ("distance_m", "feet", "slopes")}
+        return replace(self, **chosen)
+
+    def moved(self, at: Given, point: Point, turned_rad: Array) -> Nearness:
+        """The same about another point, with joints that are turned so far, shape (M, J), to first
+        order.
+        """
+        length_m, held = at.scaled.length_m, at.held
+        changes = (
+            length_m * (point.com - held.com),
+            point.rotation - held.rotation,
+            turned_rad,
+            length_m * (point.toes - held.toes),
+        )
+        change = np.concatenate([each.ravel() for each in changes])
+        return replace(self, distance_m=self.distance_m + self.slopes @ change)
 
     def missing(self, clearance_m: float) -> Array:
         """Shortfall of a distance, shape (K,) [m]."""
-        return np.asarray(np.maximum(clearance_m - self.distance_m, 0.0))
+        enough_m = np.where(self.feet, 0.5, 1.0) * clearance_m
+        return np.asarray(np.maximum(enough_m - self.distance_m, 0.0))
 
 
 class PathClearance:
@@ -89,6 +113,13 @@ class PathClearance:
     def __init__(self, plan: Plan, solver: Kinematics, deadline: float = math.inf) -> None:
         self._solver, self._deadline = solver, deadline
         self._bodies = Bodies(solver, Obstacles.of(plan.problem.terrain))
+        feet = {leg.foot: i for i, leg in enumerate(solver.model.legs)}
+        self._no_balls = {
+            k: feet[shape.link]
+            for k, (shape, _) in enumerate(link_shapes(solver.model)[0])
+            if shape.link in feet and shape.kind != "sphere"
+        }
+        """Legs by the number of a shape of their feet that is no ball."""
 
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """Find the bodies that are nearer than that and a little more, at moments this far apart:
@@ -102,7 +133,12 @@ class PathClearance:
         loose = replace(
             postures, stands=np.ones_like(postures.stands)
         )  # feet lift off what they stand on
-        near = _nearest(self._bodies.near(loose, clearance_m + NEAR_M), clearance_m)
+        near = [
+            (t, each)
+            for t, each in self._bodies.near(loose, clearance_m + NEAR_M)
+            if not self._touches(each, postures.toes_m[t])
+        ]
+        near = _nearest(near, clearance_m)
         mounts = [self._solver.model.mounts[link] for link in self._bodies.links]
         carriers = np.array(
             [(-1 if of.leg is None else of.leg, of.joint) for of in mounts] + [(-2, 0)]
@@ -122,16 +158,25 @@ class PathClearance:
             for leg in range(-1, len(self._solver.model.legs)):
                 of = np.flatnonzero(movers[:, 0] == leg)
                 slopes.add(leg, rows[of], times[of], movers[of, 1], points[of], push[of])
-        feet = _astray(moments, postures)
-        for row, (t, leg) in enumerate(feet, len(near)):
-            slopes.add_foot(leg, np.array([row]), np.array([t]))
+        ends = _ends_of_reach(self._solver, moments, postures)
+        for row, (t, leg, _, out) in enumerate(ends, len(near)):
+            slopes.add_foot(leg, np.array([row]), np.array([t]), out)
         assert postures.error_m is not None
-        missed = [-float(postures.error_m[t, leg]) for t, leg in feet]
+        rooms = [0.5 * clearance_m + room for _, _, room, _ in ends]
         return Nearness(
-            distance_m=np.array([*(each.distance_m for _, each in near), *missed]),
-            slopes=slopes.matrix(len(near) + len(feet)),
+            distance_m=np.array([*(each.distance_m for _, each in near), *rooms]),
+            feet=np.arange(len(near) + len(ends)) >= len(near),
+            slopes=slopes.matrix(len(near) + len(ends)),
             astray_m=float(postures.error_m.max()),
         )
+
+    def _touches(self, near: Near, toes_m: Array) -> bool:
+        """Tell whether that is where a foot that is no ball meets what it stands on."""
+        leg = self._no_balls.get(near.shape)
+        if leg is None or near.other >= 0:
+            return False
+        away_m = np.linalg.norm(near.points_m[1] - toes_m[leg])
+        return bool(away_m < _SOLE * self._solver.radii_m[leg])
 
 
 def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int, Near]]:
@@ -148,15 +193,37 @@ def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int
     return sorted(nearest, key=lambda each: each[0])
 
 
-def _astray(moments: PathMoments, postures: WholeBody) -> list[tuple[int, int]]:
-    """Moment at which each limb that stays from its path in a step does so most, and the limb."""
-    worst = dict[tuple[int, int], int]()
+def _ends_of_reach(
+    solver: Kinematics, moments: PathMoments, postures: WholeBody
+) -> list[tuple[int, int, float, Array]]:
+    """Moment of every step at which each limb is nearest to the end of its reach, if it is near; the
+    limb, how much farther its foot would follow, negative where it stays from its path [m], and the
+    direction from the foot to where it does not get, in the world.
+    """
+    ends = dict[tuple[int, int], tuple[int, int, float, Array]]()
     assert postures.error_m is not None
-    for t, limb in np.argwhere(postures.error_m > STRAY_M).tolist():
-        key = int(moments.step[t]), limb
-        if key not in worst or postures.error_m[t, limb] > postures.error_m[worst[key], limb]:
-            worst[key] = t
-    return [(t, limb) for (_, limb), t in worst.items()]
+    for limb, leg in enumerate(solver.model.legs):
+        angles, turns = postures.angles[:, solver.joints_of(limb)], postures.rotation
+        feet, hips = leg.chain.feet(angles), leg.chain.frames(angles)[1][:, 0]
+        goals = np.einsum("tij,ti->tj", turns, moments.feet_m[:, limb] - postures.origin_m)
+        away = (feet - hips) / np.linalg.norm(feet - hips, axis=1, keepdims=True)
+        up = np.einsum("tij,ti->tj", turns, moments.ups[:, limb])
+        error_m = postures.error_m[:, limb]
+        for farther_m in (0.0, _FARTHER_M, -_FARTHER_M):
+            goal, there, room = goals, feet, -error_m
+            if farther_m:
+                goal = feet + farther_m * away
+                there = leg.chain.feet(descend(leg, goal, angles, up)[0])
+            missed = np.linalg.norm(goal - there, axis=1)
+            out = (goal - there) / np.maximum(missed, STRAY_M)[:, None]
+            if farther_m:
+                room = np.maximum(np.vecdot(out, there - feet), 0.0)
+            of = (missed > STRAY_M) & ((error_m > STRAY_M) == (not farther_m))
+            for t in np.flatnonzero(of).tolist():
+                key = int(moments.step[t]), limb
+                if key not in ends or room[t] < ends[key][2]:
+                    ends[key] = t, limb, float(room[t]), turns[t] @ out[t]
+    return list(ends.values())
 
 
 def keep_clear(
@@ -270,16 +337,15 @@ class _Slopes:
             self._sizes[0], rows, times, np.einsum("ki,kij->kj", by_turn, self._turns[times])
         )
 
-    def add_foot(self, leg: int, rows: Index, times: Index) -> None:
-        """A leg's foot that stays from its path: less where the body goes to its place, or its
-        place to the body.
+    def add_foot(self, leg: int, rows: Index, times: Index, push: Array) -> None:
+        """A leg's foot that stays from its path, or nearly does, this way: less where the body goes
+        to its place, or its place to the body.
         """
         moments, postures = self._moments, self._postures
         joints, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
         feet = chain.feet(postures.angles[np.ix_(times, joints)])
         feet = postures.origin_m[times] + np.einsum("kij,kj->ki", postures.rotation[times], feet)
-        push = moments.feet_m[times, leg] - feet
-        push = push / np.linalg.norm(push, axis=1, keepdims=True)
+        push = push[None]
         by_turn = cross(feet - moments.com_m[times], push)
         self._body(0, rows, times, push)
         self._body(

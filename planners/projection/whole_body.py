@@ -142,6 +142,9 @@ _ENOUGH = 0.5
 _PATIENCE, _HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are
 tried."""
+_TRIED, _LEFT = 3, 0.3
+"""Every so many steps leave no more than this share of the price of a plan that is bent only if it is
+near to holding, or no more are tried."""
 _TIGHTER, _ROOM = 3, 0.95
 """So often less torque is allowed at key frames, where between them there is more than this share
 of the limit."""
@@ -357,6 +360,8 @@ def _at_key_frames(
         stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s, braced=braced)
         candidate, steps = stage.run(collides=after.excess[1] > 0.0)
         late = late or stage.late
+        if stage.slow:
+            break
         if candidate is None or (clearance is None and not check_plan(candidate).accepted):
             continue
         try:
@@ -417,7 +422,7 @@ class _Stage:
         *,
         braced: bool,
     ) -> None:
-        self._deadline, self.late = deadline, False
+        self._deadline, self.late, self.slow = deadline, False, False
         self._plan, self._solver, self._limits, self._limit_nm = (
             plan,
             solver,
@@ -542,8 +547,10 @@ class _Stage:
             stalled = (
                 len(before) > _PATIENCE and before[-1] > (1.0 - _HEADWAY) * before[-1 - _PATIENCE]
             )
+            due = before[0] * _LEFT ** ((len(before) - 1) // _TRIED)
+            self.slow = before[-1] > due and self._limits.deepest_m < np.inf  # others are tried
             enough = state.at.share <= self._limits.share and not state.too_near
-            if enough or stalled or radius < _NARROWEST:
+            if enough or stalled or self.slow or radius < _NARROWEST:
                 break
             restored = self._step(scaled, restoration, state, radius)
             if restored is not None and not keeps_to(
@@ -569,7 +576,7 @@ class _Stage:
         """An exact plan after a step; None where there is none.
 
         Where the forces of the step cannot be mended alone, body and joints are found once more for
-        its toes.
+        its toes, with bodies as far apart as the step says that they are.
         """
         spare = _SPARE * min(radius, 1.0)
         firmer = np.where(scaled.force_min > 0.0, scaled.force_min + spare, scaled.force_min)
@@ -590,10 +597,9 @@ class _Stage:
             return None
         other = restoration.restore(*restored, wanted=self._limits.share)
         if other is None:
-            point, angles = restored
-            at = replace(
-                at, scaled=scaled, about=point, angles=np.clip(angles, *self._bounds), near=None
-            )
+            point, angles = restored[0], np.clip(restored[1], *self._bounds)
+            near = None if at.near is None else at.near.moved(at, point, angles - at.angles)
+            at = replace(at, scaled=scaled, about=point, angles=angles, near=near)
             restored = self._solved(at, hold_toes=True)
             other = (
                 None

@@ -32,7 +32,7 @@ from ..problem.alternatives import (
     ordered,
 )
 from ..problem.course_keys import LEVEL_RAD
-from ..problem.guide_path import BAR
+from ..problem.guide_path import Overhead
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.centre import at_clear_places, walls_of, with_room_for_legs
 from ..projection.held import PRESSES, PUSHES, pushed
@@ -100,8 +100,9 @@ _LOOK_S = 6.0
 _NEAR_M = 0.003
 """A plan with no more than that missing between its bodies and on its feet's paths is bent in few
 steps [m]: no further layout is looked at."""
-_DEEP_M = 0.03
-"""A plan beside walls whose bodies lack more is not bent: others are tried sooner [m]."""
+_DEEP_M = 0.08
+"""A plan beside walls whose bodies lack more, for a robot of size 1, is not bent: others are tried sooner
+[m]."""
 _BENT_M = 0.015
 """The same of a plan whose legs step over things."""
 _LAID = "no plan over this layout, which is one of many"
@@ -306,7 +307,7 @@ class _CourseSearch:
 
             unbent = replace(limits, steps=0)
             if alternative is AS_ASKED and not self.stated and walls_of(course):
-                limits = replace(limits, deepest_m=_DEEP_M)
+                limits = replace(limits, deepest_m=_DEEP_M * course.robot.size)
             for within in (unbent, limits) if self.steep else (limits,):
                 judged = with_whole_body(outcome, within, self.start_rad, deadline=end)
                 if judged.status is Status.FEASIBLE:
@@ -598,7 +599,10 @@ def _laid_out(
                 left = ordered(left, "contacts")
                 if not stated and len(layouts) > 1:
                     left = [*left, *LOW]
-                    if BAR in str(error):  # the highest of lower ones first
+                    said = error.args[0]
+                    if isinstance(
+                        said() if callable(said) else said, Overhead
+                    ):  # the highest first
                         left.sort(key=lambda each: (each.height >= 1.0, -min(each.height, 1.0)))
             refusal = refusal or error
             continue

@@ -28,7 +28,7 @@ from stancekit.planners.problem.alternatives import (
 from stancekit.planners.problem.candidates import CandidatePatches
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.course_file import read_course, read_spec
-from stancekit.planners.problem.guide_path import BAR
+from stancekit.planners.problem.guide_path import Overhead
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
@@ -123,7 +123,7 @@ def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_t
         (ALTERNATIVES[2], NoPlace, "nowhere"),
         (STRIDES[1], NoPlace, "nowhere"),
         (LOW[1], PlanningFailed, "nowhere"),
-        (LOW[-1], PlanningFailed, f"no way: {BAR}(1, 0)"),
+        (LOW[-1], PlanningFailed, Overhead("no way: bar at (1, 0)")),
     ],
 )
 def test_others_are_tried_where_the_first_has_no_place_and_low_ones_first_where_it_is_too_high(
@@ -134,7 +134,7 @@ def test_others_are_tried_where_the_first_has_no_place_and_low_ones_first_where_
     def question(_: object, alternative: Alternative) -> Problem:
         tried.append(alternative.message)
         if alternative is not good:
-            raise refused(f"frame 0: {said} ({len(tried)})")
+            raise refused(type(said)(f"frame 0: {said} ({len(tried)})"))
         return read_course("walls", frames=2)
 
     outcome: Answer[Plan] = plan_course(question, TwoStage(), layouts=ALTERNATIVES, stated=False)
@@ -145,7 +145,7 @@ def test_others_are_tried_where_the_first_has_no_place_and_low_ones_first_where_
     assert outcome.report.answer is outcome.solution
     others = [*ordered(ALTERNATIVES[1:], "contacts"), *STRIDES]
     order = [AS_ASKED, *others, *LOW]
-    if BAR in said:
+    if isinstance(said, Overhead):
         lower = [ALTERNATIVES[1], STRIDES[2], *LOW]
         order = [AS_ASKED, *lower, *(each for each in others if each not in lower)]
     assert tried[1:] == [each.message for each in order[: order.index(good) + 1]]
