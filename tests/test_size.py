@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1427, 16850),
-    "cli": (3440, 39850),
+    "api": (1360, 16756),
+    "cli": (3335, 39488),
     "configs": (3, 30),
-    "envs": (3135, 42947),
-    "learners": (5256, 78204),
-    "planners": (35413, 581621),
-    "runner": (6752, 91724),
-    "views": (4383, 69876),
+    "envs": (3129, 42904),
+    "learners": (5265, 77780),
+    "planners": (35376, 581159),
+    "runner": (6650, 91108),
+    "views": (4317, 69562),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

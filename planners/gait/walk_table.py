@@ -202,7 +202,9 @@ def read_walk(path: str | Path) -> _WalkTable:
         raise InvalidInput(f"{path}: expected {table.name} or {packed.name} beside it, got {came}")
     where = table if table.exists() else packed
     with located(str(where)):
-        samples = _of_table(table, robot) if table.exists() else _samples(read_archive(packed), robot)
+        samples = (
+            _of_table(table, robot) if table.exists() else _samples(read_archive(packed), robot)
+        )
         trajectory = Trajectory(
             **samples,
             problem=WalkQuestion(
