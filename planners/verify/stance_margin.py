@@ -51,10 +51,10 @@ AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-4
 """Part of the tolerance to which an end is sought; part of the complementarity that a whole step
 leaves; part of the way to the border of the cones that a step goes; complementarity from which an end
 is sought, where the middle's is 1; gap with which an end is taken where steps go no further."""
-BALANCED, UNIT, SAME, TINY = 1e-8, 1e-6, 1e-7, 1e-12
+BALANCED, UNIT, SAME, ROOM, TINY = 1e-8, 1e-6, 1e-7, 1e-9, 1e-12
 """Forces that miss their balance by more are not used, in units of the weight, or of the largest
 force if that is more, and metres; a normal's length may differ from 1 by ``UNIT``; lengths and shares
-that are none."""
+that are none; a force whose bounds are one has this much room, so that there is an inside."""
 SLIPLESS, FAR = 10.0, 50.0
 """Largest friction, and farthest point [m], for which margins are computed."""
 
@@ -334,7 +334,8 @@ def _arrange(contacts: Any, balanced: Any, space: Any) -> None:
             (1.0 + s * x * x * t, s * x * y * t, -s * x),
             (x * y * t, s + y * y * t, -y),
         )
-        bounds[b][0], bounds[b][1] = friction * contacts[b][7], friction * contacts[b][8]
+        bounds[b][0] = friction * contacts[b][7]
+        bounds[b][1] = max(friction * contacts[b][8], bounds[b][0] + ROOM)
         for k, (x, y, z) in enumerate(directions):
             axes[b][k][0], axes[b][k][1], axes[b][k][2] = x, y, z
             u, v, w = q * z - r * y, r * x - p * z, p * y - q * x

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -146,3 +148,16 @@ def test_a_row_that_cannot_be_is_named(name: str, value: float) -> None:
     asked[name][2] = value
     with refuses(name, "2"):
         stancekit.margins(**asked)
+
+
+@pytest.mark.parametrize("push", [False, True])
+def test_what_bears_nothing_is_as_if_it_were_not_there(push: bool) -> None:
+    asked, contacts = stances(5, 6), ("subject", "normals", "friction", "low", "high")
+    few = {name: row[:, :3] if name in contacts else row for name, row in asked.items()}
+    alone = stancekit.margins(**few, push=push)
+    every, bears = stancekit.margins(**asked).stances, np.arange(30) % 5 < 3
+    with_idle = replace(every, low=every.low * bears, high=every.high * bears)
+    found = with_idle.margins(pushes(every.borne) if push else places(every.borne))
+    np.testing.assert_array_equal(np.isfinite(found.upper), np.isfinite(alone.upper))
+    np.testing.assert_allclose(found.lower, alone.lower, rtol=0.02, atol=1e-4)
+    assert np.isfinite(found.lower).any()
