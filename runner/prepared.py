@@ -265,7 +265,7 @@ def _of_gait(accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSett
             "rotation"
         )
     trajectory, kinematics = accepted.plan, _kinematics(accepted, world)
-    motion = gait_motion(trajectory, accepted.robot.source.foot_radii_m)
+    motion = gait_motion(trajectory, accepted.robot.foot_radii_m)
     wished = (
         _check_gait(motion, kinematics, world, hung=settings.hung)
         if settings.check_limits

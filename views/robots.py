@@ -373,16 +373,16 @@ def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotSha
 def climber(robot: Robot) -> RobotShape:
     """A robot that climbs: its own links, or a deck with limbs."""
     size = float(np.mean([limb.reach_m for limb in robot.limbs]))
-    if robot.source.own:
-        return linked(robot.source.own_model(), size)
+    if robot.own:
+        return linked(robot.own_model(), size)
     return hexapod(robot.limb_names, np.array([limb.shoulder_m for limb in robot.limbs]), size)
 
 
 def single_body(robot: Robot) -> RobotShape:
     """A walker: its own links, or a box of the trunk's measures."""
     half, size = robot.trunk_half_m, robot.stand_height_m
-    if robot.source.own:
-        return linked(robot.source.own_model(), size)
+    if robot.own:
+        return linked(robot.own_model(), size)
     nose = _nose(0.55 * half[0], 0.9 * half[0], 0.45 * half[1], half[2])
     outline = (
         np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half

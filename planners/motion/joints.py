@@ -122,7 +122,7 @@ def walk_postures(trajectory: Trajectory) -> tuple[WholeBody, Kinematics]:
 
 
 def _model(trajectory: Trajectory) -> RobotModel:
-    return trajectory.robot.source.own_model()
+    return trajectory.robot.own_model()
 
 
 def _normals(trajectory: Trajectory) -> Array:

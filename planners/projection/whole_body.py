@@ -89,7 +89,7 @@ class WholeBodyLimits:
         """Tell whether a plan for the robot has to have joints: its file has legs, or torques are
         asked for.
         """
-        return robot.source.own or self.torque_nm is not None
+        return robot.own or self.torque_nm is not None
 
     def of(self, solver: Kinematics) -> Array:
         """Torque limit of every joint, shape (J,) [Nm]; inf where nothing is known and nothing
@@ -255,7 +255,7 @@ def whole_body(
         share, torque_nm = largest(plan, solver, limits.of(solver))
         known = Measured(share=share, torque_nm=torque_nm, depth_m=np.nan, too_near_m=0.0)
         return _WholeBodyPlan(plan=plan, steps=0, before=known, after=known)
-    if plan.problem.robot.source.own and push_share(plan):  # its plans have to bear one
+    if plan.problem.robot.own and push_share(plan):  # its plans have to bear one
         return _bent(plan, limits, solver, deadline, braced=True)
     bent = _bent(plan, limits, solver, deadline)
     if bent.steps and push_share(bent.plan) < push_share(plan):

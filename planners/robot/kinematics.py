@@ -82,10 +82,10 @@ class Kinematics:
     ) -> None:
         self.near_rad = None if near_rad is None else np.array(near_rad, dtype=float)
         self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
-        self.model = robot.source.legs(self.servo)
+        self.model = robot.legs_with(self.servo)
         self._pin = pin = pinocchio()
         legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
-        self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
+        self.joints, self.radii_m = self.model.joint_names, robot.foot_radii_m
         self.soles = any(leg.sole is not None for leg in legs)
         self.rotor_kg_m2 = self.model.rotors_kg_m2
         self.lower_rad, self.upper_rad = (

@@ -379,7 +379,7 @@ class ReachSets:
 
         Raises InvalidInput for one with a model.
         """
-        if robot.source.own:
+        if robot.own:
             raise InvalidInput(
                 f"reach: expected a robot without a model of its legs, got {robot.name}, which has "
                 "one"
@@ -564,7 +564,7 @@ def contains_all(robot: Robot) -> bool:
 
     Raises InvalidInput for a robot without such legs.
     """
-    model = robot.source.own_model()
+    model = robot.own_model()
     return outer_sets(model).within(robot.limbs, contact_radii_m(model))
 
 

@@ -299,9 +299,9 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
     """
     names = tuple(limb.name for limb in limbs)
     idle = tuple(name for name in robot.limb_names if name not in names)
-    if not robot.source.own and robot.drawn is None:
+    if not robot.own and robot.drawn is None:
         raise no_legs(robot.name)
-    model = _on_legs(robot.source.own_model(), names) if robot.source.own else None
+    model = _on_legs(robot.own_model(), names) if robot.own else None
     return Robot(
         name=robot.name,
         mass_kg=mass_kg,
@@ -380,8 +380,8 @@ def walker_from(robot: Robot | str | Path) -> Robot:
         return named_walker(robot)
     if robot.feet:
         return robot
-    if robot.source.own:
-        return walker_of(robot.source.own_model())
+    if robot.own:
+        return walker_of(robot.own_model())
     default = hexapod_walker()
     if robot.limb_names == default.limb_names and robot.mass_kg == default.mass_kg:
         return default
@@ -621,7 +621,7 @@ def _lengths(leg: Leg) -> tuple[float, float]:
 
 
 def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
-    model = robot.source.own_model()
+    model = robot.own_model()
     limits = [_limits_of(leg, model.body.com_m) for leg in model.legs]
     limbs = tuple(
         replace(limb, leg=each, reach_m=_lengths(leg)[1] + leg.radius_m)

@@ -579,7 +579,7 @@ def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
 
     Raises InvalidInput where joints are not known or ``run`` would refuse them.
     """
-    if isinstance(subject, LeapPlan) and not subject.robot.source.own:
+    if isinstance(subject, LeapPlan) and not subject.robot.own:
         raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
     robot = walking_robot(subject.robot) if isinstance(subject, Trajectory) else subject.robot
     kinematics = Kinematics(robot, gravity_m_s2=subject.gravity_m_s2)
@@ -595,7 +595,7 @@ def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
         case Plan():
             profile = timed(subject)
         case Trajectory():
-            motion = gait_motion(subject, robot.source.foot_radii_m)
+            motion = gait_motion(subject, robot.foot_radii_m)
             profile = timed_gait(motion, resolved(motion, kinematics), kinematics, can, drives)
         case LeapPlan() | Crossing():
             motion = (
@@ -663,7 +663,7 @@ def _steady_pace(plan: Plan, timing: Timing) -> float:
     """
     from stancekit.planners.verify.margins import stance_margins  # of soles alone
 
-    model = plan.problem.robot.source.own_model()
+    model = plan.problem.robot.own_model()
     support_m = float(stance_margins(plan, ("support_m",))["support_m"].min())
     ways = np.linalg.norm(np.diff(plan.com_m[:, :2], axis=0), axis=1)
     seconds = np.maximum(timing.swing_s, ways / timing.body_m_s)

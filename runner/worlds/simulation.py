@@ -360,7 +360,7 @@ class SimulatedWorld(JointBus):
         actuators: Actuators | None = None,
         contact: SoftContact | None = None,
     ) -> None:
-        self.model = robot.source.legs(servo or robot.servo)
+        self.model = robot.legs_with(servo or robot.servo)
         drives = Drives.of(self.model, actuators)
         super().__init__(robot, servo, drives, rate_hz, senses=True, gravity_m_s2=gravity_m_s2)
         self.imperfections = imperfections

@@ -246,7 +246,7 @@ def test_joints_that_turn_against_their_own_friction_are_where_they_are_sent(nam
     pytest.importorskip(MODULES[name][0])
     stiff = 'velocity="8"/><dynamics damping="4" friction="1"/>'
     robot = contact_robot(model_of(biped().replace('velocity="8"/>', stiff)))
-    model = robot.source.own_model()
+    model = robot.own_model()
     angles = np.concatenate([leg.stance_rad for leg in model.legs])
     rates = np.where(np.char.find(model.joint_names, "knee") >= 0, 0.5, 0.0)
     with make_world(name, robot, gravity_m_s2=1e-6) as world:

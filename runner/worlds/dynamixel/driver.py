@@ -175,7 +175,7 @@ class DynamixelWorld(HardwareWorld):
         actuators: Actuators | None = None,
     ) -> None:
         drives = Drives.of(
-            robot.source.legs(servo or robot.servo),
+            robot.legs_with(servo or robot.servo),
             actuators or Actuators(joints={"*": calibration.model}),
         )
         stiffer = 1.0 if actuators is not None else calibration.p_gain / table.P_GAIN

@@ -223,7 +223,7 @@ def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
 def test_a_good_plan_is_within_the_joints(plan: Plan) -> None:
     angles, joints, torque = joint_groups(plan)
     assert [joints.verdict, torque.verdict] == ["holds", "holds"], joints.message + torque.message
-    assert angles.shape == (plan.problem.frames, len(ROBOT.source.joint_names))
+    assert angles.shape == (plan.problem.frames, len(ROBOT.joint_names))
     assert 1.0 < torque.figures["torque_nm"] < 40.0
     assert (
         0.0 < joints.figures["shift_m"] < 0.02
