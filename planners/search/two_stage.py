@@ -34,7 +34,7 @@ from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
 from ..relaxation.mccormick import McCormick
 from ..relaxation.relaxed import RELAXATIONS, RelaxedProgram
 from .answer import Claim, Clock, Kind, Method, kind_of, plan_of
-from .choice import ChoiceSearch, SearchLimits
+from .choice import ChoiceSearch
 from .cuts import LEAF, PROVABLE, CutSearch
 from .enveloped import over_sides
 
@@ -354,7 +354,6 @@ class TwoStage(Method):
         share = _CHOICE_SHARE if self.cuts else 1.0
         max_nodes, projection = NODES if self.max_nodes is None else self.max_nodes, self.projection
         learns = scaled.options > 1 or (self.proves and not scaled.layout.pushes)
-        limits = SearchLimits(max_nodes=max_nodes, gap=self.gap, share=share, learns=learns)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, _QUICK)
@@ -365,7 +364,16 @@ class TwoStage(Method):
                 return point
             return improved(self.kept, chosen, point, clock.count)
 
-        search = ChoiceSearch(self.kept, scaled, projected, limits, clock)
+        search = ChoiceSearch(
+            self.kept,
+            scaled,
+            projected,
+            clock,
+            max_nodes=max_nodes,
+            gap=self.gap,
+            share=share,
+            learns=learns,
+        )
         search.run()
         return search
 
