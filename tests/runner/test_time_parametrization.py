@@ -65,7 +65,6 @@ from stancekit.runner.motion.time_parametrization import (
 )
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds.drives import Drives
-from stancekit.runner.worlds.world import WorldCapabilities
 from tests.emulators.memory_world import MemoryWorld
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
@@ -88,7 +87,7 @@ def seen(plan: Plan, kinematics: Kinematics) -> JointProfile:
     return joint_profile(plan_motion(plan), kinematics)
 
 
-def with_limits(**limits: float) -> WorldCapabilities:
+def with_limits(**limits: float) -> Drives:
     return replace(CAN, **{name: np.full(24, value) for name, value in limits.items()})  # type: ignore[arg-type]
 
 
