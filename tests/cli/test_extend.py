@@ -496,7 +496,7 @@ def scattered(level, rng):
         ),
         (
             ("plan", "own.py:plans:0.5"),
-            "family own.py:plans: expected a Family, or a function of a level and a gener",
+            "family own.py:plans: expected a function of a level and a generator",
         ),
         (
             ("warp", "own.py:scattered:0.5:1"),
