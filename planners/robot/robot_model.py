@@ -12,7 +12,7 @@ import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -217,14 +217,6 @@ def resisting_nm(damping_nms_rad: Array, friction_nm: Array, rates_rad_s: Array)
     return np.asarray(damping_nms_rad * rates_rad_s + slowed)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Remark:
-    """Remark on how a file was read: a guess to confirm, or a number that is hard to believe."""
-
-    kind: Literal["guess", "doubt"]
-    text: str
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Body:
     """The whole robot in its standing posture: mass [kg], centre of mass p_BC in the base's frame,
@@ -245,7 +237,8 @@ class RobotModel:
             robot.
         mounts: place of every link, by name.
         disabled_pairs: links that may touch, from the SRDF.
-        remarks: things that were guessed or are hard to believe.
+        guesses, doubts: how its file was read, to be confirmed, and its numbers that are hard to
+            believe, one line each.
         gaps: entries that a YAML file has to add before anything can be planned, one line each.
         servo: the drive of every joint of legs that are drawn up; None where a robot's own file
             says what its joints can.
@@ -258,7 +251,8 @@ class RobotModel:
     shapes: tuple[Shape, ...]
     mounts: Mapping[str, Mount]
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
-    remarks: tuple[Remark, ...] = ()
+    guesses: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     gaps: tuple[str, ...] = ()
     servo: Servo | None = None
 
@@ -432,11 +426,6 @@ class RobotModel:
             for subject, text in _torque_doubts(self.legs, self.body)
         )
 
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Numbers of the file that are hard to believe, one line each."""
-        return tuple(remark.text for remark in self.remarks if remark.kind == "doubt")
-
     @cached_property
     def limit_doubts(self) -> tuple[str, ...]:
         """Joints of legs whose limits were guessed, and why, a line for all of the same."""
@@ -543,10 +532,8 @@ def model_of(
         mounts=mounts,
         gaps=gaps,
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
-        remarks=(
-            *(Remark(kind="guess", text=each) for each in (*guesses, *more)),
-            *(Remark(kind="doubt", text=each) for each in (*gaps, *_joined(doubts))),
-        ),
+        guesses=(*guesses, *more),
+        doubts=(*gaps, *_joined(doubts)),
     )
     if not balls:
         vars(made).update(tree=root, built=model)

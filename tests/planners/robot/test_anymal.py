@@ -52,9 +52,7 @@ def test_its_legs_weigh_and_stand_as_its_boxes(walker: Robot, model: RobotModel)
     assert boxes.to_json() == {
         name: value for name, value in walker.to_json().items() if name != "model"
     }
-    assert [remark.text for remark in model.remarks] == [
-        "posture to stand in, from the SRDF: standing"
-    ]
+    assert [*model.guesses, *model.doubts] == ["posture to stand in, from the SRDF: standing"]
     assert {joint.torque_nm for leg in model.legs for joint in leg.joints} == {80.0}
     assert {joint.velocity_rad_s for leg in model.legs for joint in leg.joints} == {12.0}
 

@@ -30,7 +30,7 @@ def test_flat_feet_are_soles_on_which_two_alike_legs_stand_level_with_bent_knees
     assert 0.5 < left.stance_rad[3] < 0.8
     level = left.chain.frames(left.stance_rad[None])[0][0, -1] @ left.sole.rotation
     np.testing.assert_allclose(level, np.eye(3), atol=1e-4)
-    assert any("0.160 × 0.080 m" in remark.text for remark in model.remarks)
+    assert any("0.160 × 0.080 m" in text for text in model.guesses)
     with refuses("robot biped", "soles"):
         limbs_over(model, "outer")
 

@@ -52,7 +52,7 @@ def read(name: str, folder: Path) -> RobotModel:
 
 
 def said(model: RobotModel, kind: str = "doubt") -> str:
-    return "\n".join(remark.text for remark in model.remarks if remark.kind == kind)
+    return "\n".join(model.guesses if kind == "guess" else model.doubts)
 
 
 def planned(path: Path, model: RobotModel) -> tuple[Any, Any]:

@@ -87,7 +87,7 @@ def read(text: str, folder: Path) -> RobotModel:
 
 def remarks(model: RobotModel) -> str:
     """All that was remarked."""
-    return "\n".join(remark.text for remark in model.remarks)
+    return "\n".join((*model.guesses, *model.doubts))
 
 
 def worst_difference(path: Path, mjcf: Mjcf, rng: np.random.Generator) -> float:
