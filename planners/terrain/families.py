@@ -459,7 +459,7 @@ def read_draw(name: str, where: str) -> tuple[str, float, int]:
 
 
 def level_of(family: str) -> str:
-    """What the level of a family, or of FILE.py:NAME, says: the beginning of its docstring.
+    """Meaning of the level of a family, or of FILE.py:NAME: the beginning of its docstring.
 
     Raises InvalidInput for an unknown name.
     """

@@ -504,7 +504,7 @@ def scattered(level, rng):
         ),
         (
             ("warp", "own.py:plans"),
-            "terrain own.py:plans: expected a height field, a Formula, or a function of x and ",
+            "terrain own.py:plans: expected a height field, or a function of x and ",
         ),
     ],
 )
