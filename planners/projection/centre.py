@@ -591,7 +591,7 @@ class LegsAtWalls:
             origins_m=com_m - turns @ robot.origin_m,
             rotations=turns,
             toes_m=toes,
-            angles=solver.solve(np.zeros(3), np.zeros(3), toes).angles,
+            angles=solver.solve(np.zeros(3), np.zeros(3), toes)[0],
             corners=_corners(solver),
             rooms_m=_THICK * robot.foot_radii_m + clearance_m,
             clearance_m=clearance_m,

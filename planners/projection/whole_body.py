@@ -247,9 +247,7 @@ def whole_body(
             where there was not even time for joint angles.
     """
     solver = kinematics or Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
-    angles = np.array(
-        [answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)]
-    )
+    angles, _, _ = plan_angles(plan, solver, start_rad, deadline=deadline)
     plan = replace(plan, joints_rad=angles)
     if solver.soles:  # whose steps have no rows for what keeps a sole flat
         share, torque_nm = largest(plan, solver, limits.of(solver))

@@ -443,7 +443,7 @@ def twisted(plan: Plan) -> Plan:
     """With its own angles, but for a limb that stands elsewhere at frame 1, and jumps there on the
     straight line.
     """
-    joints = np.array([answer.angles for answer in plan_angles(plan)])
+    joints, _, _ = plan_angles(plan)
     joints[1, 5:7] += [-2.0, 2.0]
     return replace(plan, joints_rad=joints)
 

@@ -54,11 +54,10 @@ def standing() -> tuple[Array, Array]:
     """Angles, and targets that press with a sixth of the weight at every foot."""
     from stancekit.planners.robot.kinematics import Kinematics
 
-    up = np.tile([0.0, 0.0, 1.0], (6, 1))
-    answer = Kinematics(ROBOT).solve(
-        np.zeros(3), np.zeros(3), TOES, normals=up, forces_n=up * 98.1 / 6.0
-    )
-    return answer.angles, answer.angles + answer.torques_nm / Servo().stiffness_nm_rad
+    up, kinematics = np.tile([0.0, 0.0, 1.0], (6, 1)), Kinematics(ROBOT)
+    angles, _, _ = kinematics.solve(np.zeros(3), np.zeros(3), TOES, normals=up)
+    torques_nm = kinematics.torques(angles, np.eye(3), up * 98.1 / 6.0)
+    return angles, angles + torques_nm / Servo().stiffness_nm_rad
 
 
 def stood(world: JointBus, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
