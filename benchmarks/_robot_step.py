@@ -197,7 +197,7 @@ def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
         for i, leg in enumerate(model.legs):
             foot = data.oMi[known.getJointId(leg.joint_names[-1])].act(np.array(leg.chain.tip_m))
             normal = plan.problem.patch(int(plan.problem.holds[k][i]), plan.choice).normal
-            toe = plan.com_m[k] + turn @ (foot - model.body.com_m) - leg.radius_m * normal
+            toe = plan.com_m[k] + turn @ (foot - model.com_m) - leg.radius_m * normal
             errors[k, i] = np.linalg.norm(toe - plan.toes_at(k)[i])
     return errors
 

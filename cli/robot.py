@@ -138,14 +138,14 @@ def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path)
 
 
 def _head(model: RobotModel) -> Table:
-    com = ", ".join(f"{round(float(value), 3) + 0.0:.3f}" for value in model.body.com_m)
+    com = ", ".join(f"{round(float(value), 3) + 0.0:.3f}" for value in model.com_m)
     import numpy as np
 
-    moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(model.body.inertia_kgm2))
+    moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(model.inertia_kgm2))
     joints = sum(len(leg.joints) for leg in model.legs)
     rows = (
         ("robot", model.name),
-        ("mass", f"{model.body.mass_kg:.3f} kg, centre at ({com}) m, moments {moments} kg m²"),
+        ("mass", f"{model.mass_kg:.3f} kg, centre at ({com}) m, moments {moments} kg m²"),
         ("legs", f"{len(model.legs)}, {joints} joints: {', '.join(model.leg_names)}"),
         ("stands", f"{model.stand_height_m:.3f} m above its feet"),
         (
@@ -234,9 +234,9 @@ def _record(model: RobotModel, workspaces: list[Workspace | None], trouble: str)
         legs.append(record)
     return {
         "name": model.name,
-        "mass_kg": model.body.mass_kg,
-        "com_m": model.body.com_m.tolist(),
-        "inertia_kgm2": model.body.inertia_kgm2.tolist(),
+        "mass_kg": model.mass_kg,
+        "com_m": model.com_m.tolist(),
+        "inertia_kgm2": model.inertia_kgm2.tolist(),
         "stand_height_m": model.stand_height_m,
         "legs": legs,
         "disabled_pairs": sorted(sorted(pair) for pair in model.disabled_pairs),

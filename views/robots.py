@@ -113,7 +113,7 @@ class Links:
         points = (
             np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
         )
-        flat = (points - self.model.body.com_m)[:, :2]
+        flat = (points - self.model.com_m)[:, :2]
         try:
             return np.pad(flat[ConvexHull(flat).vertices], ((0, 0), (0, 1)))
         except QhullError:
@@ -501,9 +501,9 @@ def draw_robot(
     stance = [leg.stance_rad for leg in robot.legs]
     feet = np.array([leg.nominal_m for leg in robot.legs])
     size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
-    bodies = Links(robot).bodies(robot.body.com_m, np.eye(3), stance)
+    bodies = Links(robot).bodies(robot.com_m, np.eye(3), stance)
     bodies.append(
-        DrawnBody(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK)
+        DrawnBody(name="com", shape=Sphere(0.018 * size), position_m=robot.com_m, colour=INK)
     )
     for index, workspace in enumerate(workspaces or ()):
         bodies.append(
@@ -535,7 +535,7 @@ def draw_robot(
     )
     figure = sheet(size_px)
     joints = sum(len(leg.joints) for leg in robot.legs)
-    words = f"{len(robot.legs)} legs, {joints} joints, {robot.body.mass_kg:.3g} kg"
+    words = f"{len(robot.legs)} legs, {joints} joints, {robot.mass_kg:.3g} kg"
     headline(
         figure,
         robot.name,

@@ -169,7 +169,7 @@ def cross(
     terrain = question.terrain.along(np.array([question.goal_m]), Path())
     feet = np.array([leg.chain.feet(leg.stance_rad[None])[0] for leg in model.legs])
     radii = np.array([leg.radius_m for leg in model.legs])
-    toes = feet - model.body.com_m - np.array([0.0, 0.0, 1.0]) * radii[:, None]
+    toes = feet - model.com_m - np.array([0.0, 0.0, 1.0]) * radii[:, None]
     way = stretches(terrain, toes, np.array([question.start_m, question.goal_m]))
     if way is None:
         return None

@@ -80,7 +80,7 @@ class MovingBody:
             rounds: as ``_ROUNDS``.
             steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
         """
-        body_m, angles = self.model.body.com_m, near
+        body_m, angles = self.model.com_m, near
         origin = com_m - rotation @ body_m
         if near is not None:
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))

@@ -97,7 +97,7 @@ class LeapClass(BaseModel):
         if unlimited := no_motors(model):
             raise InvalidInput(f"robot {stands.name}: {unlimited}")
         feet = np.array([leg.chain.feet(leg.stance_rad[None])[0] for leg in model.legs])
-        feet -= model.body.com_m
+        feet -= model.com_m
         height = float(np.mean([leg.radius_m for leg in model.legs]) - feet[:, 2].mean())
         ahead, aside = np.abs(feet[:, :2]).mean(axis=0).tolist()
         limits = self.limits | {

@@ -499,9 +499,9 @@ class Robot:
                 f"robot {self.name}: drawn: expected no drawn legs beside those of its model, got "
                 "both"
             )
-        if not self.feet and abs(self.mass_kg - model.body.mass_kg) > _SAME * self.mass_kg:
+        if not self.feet and abs(self.mass_kg - model.mass_kg) > _SAME * self.mass_kg:
             raise InvalidInput(
-                f"robot {self.name}: expected the mass of its model, {model.body.mass_kg:.9g} kg, "
+                f"robot {self.name}: expected the mass of its model, {model.mass_kg:.9g} kg, "
                 "got "
                 f"{self.mass_kg:.9g}"
             )
@@ -705,7 +705,7 @@ class Robot:
         """
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
-        return None if self.model is None else self.model.body.inertia_kgm2
+        return None if self.model is None else self.model.inertia_kgm2
 
     @property
     def origin_m(self) -> Array:
@@ -715,7 +715,7 @@ class Robot:
         For a robot with a model, the centre of mass of its standing posture, Lin et al.'s body
         origin; else 0.
         """
-        return np.zeros(3) if self.model is None else self.model.body.com_m
+        return np.zeros(3) if self.model is None else self.model.com_m
 
     @property
     def limb_names(self) -> tuple[str, ...]:
@@ -818,7 +818,7 @@ def _check_model(robot: Robot, inertia: Array, model: RobotModel, where: str) ->
 
     It may stand lower, crouched, and not higher.
     """
-    mass_kg, expected = model.body.mass_kg, model.body.inertia_kgm2
+    mass_kg, expected = model.mass_kg, model.inertia_kgm2
     if abs(robot.mass_kg - mass_kg) > _SAME_AS_MODEL * mass_kg:
         raise InvalidInput(
             f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {robot.mass_kg:.8g}"
@@ -872,12 +872,12 @@ def robot_of(model: RobotModel) -> Robot:
     limbs = tuple(
         Limb(
             name=leg.name,
-            shoulder_m=leg.hip_m - model.body.com_m,
+            shoulder_m=leg.hip_m - model.com_m,
             reach_m=leg.chain.length_m + leg.radius_m,
         )
         for leg in model.legs
     )
-    return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
+    return Robot(name=model.name, mass_kg=model.mass_kg, limbs=limbs, model=model)
 
 
 def walking_robot(robot: Robot) -> Robot:

@@ -163,7 +163,7 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
     kinematics = Kinematics(robot_of(model))
     drives = Drives.of(model)
     length_m = np.mean([leg.chain.length_m for leg in model.legs])
-    np.testing.assert_allclose(kinematics.rotor_kg_m2, 2e-4 * 9.81 * model.body.mass_kg * length_m)
+    np.testing.assert_allclose(kinematics.rotor_kg_m2, 2e-4 * 9.81 * model.mass_kg * length_m)
     np.testing.assert_array_equal(drives.rotor_kg_m2, kinematics.rotor_kg_m2)
     still, angles = np.zeros(len(drives.joints)), np.full(len(drives.joints), 0.3)
     rising = np.linspace(-50.0, 50.0, len(still))

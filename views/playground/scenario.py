@@ -220,7 +220,7 @@ def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[
             else {"at_m": _raised(each["at_m"], height - down)}
             for each in changed.get("via_m", ())
         ]
-    return changed, hexapod().mass_kg if robot == "hexapod" else model.body.mass_kg
+    return changed, hexapod().mass_kg if robot == "hexapod" else model.mass_kg
 
 
 def own_kg(spec: CourseSpec, folder: Path) -> float:

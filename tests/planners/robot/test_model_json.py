@@ -92,8 +92,8 @@ def test_the_model_comes_back_as_it_was_from_the_file_alone(
         np.testing.assert_array_equal(
             mine.chain.feet(mine.stance_rad[None]), its.chain.feet(its.stance_rad[None])
         )
-    np.testing.assert_array_equal(read.body.com_m, model.body.com_m)
-    np.testing.assert_array_equal(Problem.from_json(written).robot.origin_m, model.body.com_m)
+    np.testing.assert_array_equal(read.com_m, model.com_m)
+    np.testing.assert_array_equal(Problem.from_json(written).robot.origin_m, model.com_m)
     assert Problem.from_json(written).to_json() == written
 
 

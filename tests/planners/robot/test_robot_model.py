@@ -50,7 +50,7 @@ def test_the_hexapods_urdf_agrees_with_the_hexapod() -> None:
     model, robot_, servo = hexapod_model(), hexapod(), Servo()
     assert model.name == robot_.name
     assert model.leg_names == robot_.limb_names
-    assert model.body.mass_kg == pytest.approx(robot_.mass_kg, rel=1e-9)
+    assert model.mass_kg == pytest.approx(robot_.mass_kg, rel=1e-9)
     assert model.guesses == model.doubts == ()
     for each, limb in zip(model.legs, robot_.limbs, strict=True):
         np.testing.assert_allclose(each.hip_m, limb.shoulder_m, atol=1e-9)
@@ -114,7 +114,7 @@ def test_legs_and_feet_are_found_and_the_guess_is_marked() -> None:
         "legs and feet, by their shape and names: LF (LF_FOOT), RF (RF_FOOT)"
     )
     assert texts(model, "guess")[1] == "posture to stand in, of LF, RF, LH, RH"
-    assert model.body.mass_kg == pytest.approx(10.0 + 3.0 + 4 * 3.1)
+    assert model.mass_kg == pytest.approx(10.0 + 3.0 + 4 * 3.1)
     for each in model.legs:
         assert np.all((each.lower_rad <= each.stance_rad) & (each.stance_rad <= each.upper_rad))
         assert -0.55 < each.nominal_m[2] < -0.3
@@ -128,9 +128,9 @@ def test_centre_of_mass_and_inertia_are_those_of_the_links() -> None:
         for name, angle in zip(each.joint_names, each.stance_rad, strict=True):
             q[known.joints[known.getJointId(name)].idx_q] = angle
     np.testing.assert_allclose(
-        model.body.com_m, pin.centerOfMass(known, known.createData(), q), atol=1e-12
+        model.com_m, pin.centerOfMass(known, known.createData(), q), atol=1e-12
     )
-    assert np.linalg.eigvalsh(model.body.inertia_kgm2)[0] > 0.0
+    assert np.linalg.eigvalsh(model.inertia_kgm2)[0] > 0.0
 
 
 def test_links_are_where_pinocchio_has_them() -> None:
