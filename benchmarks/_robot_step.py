@@ -77,7 +77,11 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     if outcome.solution is not None:
         started = time.process_time()
         bent = whole_body(outcome.solution)
-        plan, found["steps"], found["torque_share_before"] = bent.plan, bent.steps, bent.before[0]
+        plan, found["steps"], found["torque_share_before"] = (
+            bent.plan,
+            bent.steps,
+            (bent.before or bent).share,
+        )
         found["joints_s"] = time.process_time() - started
         with TemporaryDirectory() as folder:
             path = Path(folder) / "plan.json"

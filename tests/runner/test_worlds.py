@@ -56,8 +56,9 @@ def standing() -> tuple[Array, Array]:
 
     up, kinematics = np.tile([0.0, 0.0, 1.0], (6, 1)), Kinematics(ROBOT)
     angles, _, _ = kinematics.solve(np.zeros(3), np.zeros(3), TOES, normals=up)
-    torques_nm = kinematics.torques(angles, np.eye(3), up * 98.1 / 6.0)
-    return angles, angles + torques_nm / Servo().stiffness_nm_rad
+    return angles, angles + (
+        kinematics.torques(angles, np.eye(3), up * 98.1 / 6.0) / Servo().stiffness_nm_rad
+    )
 
 
 def stood(world: JointBus, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
