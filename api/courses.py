@@ -163,7 +163,7 @@ def unmet(error: Exception, method: str, robot: Robot | str | Path | None) -> An
     """The answer to a question that nothing can be laid out for, with the doubts of its robot."""
     from stancekit.planners.robot.robot_file import robot_of  # reads files
 
-    doubts = () if robot is None else robot_of(robot).source.doubts
+    doubts = () if robot is None else robot_of(robot).doubts
     return Answer(status=Status.UNDECIDED, method=method, message=str(error), more_doubts=doubts)
 
 
@@ -237,7 +237,7 @@ def _between_places(
     except (NoPlace, PlanningFailed) as error:
         why = str(error)
     robot = question.robot
-    leaps = settings.leaps and robot is not None and robot.source.own
+    leaps = settings.leaps and robot is not None and robot.own
     passage = (question if leaps else question.local).passage()  # crossings are in the world
     proof = None if settings.wrench is not None else flood(passage)
     if leaps and robot is not None and settings.push_n == 0.0 and settings.wrench is None:
@@ -302,7 +302,7 @@ def _leap(
         raise InvalidInput(f"method: expected a LeapFinder for a leap, got {shown(method)}")
     deadline = time.perf_counter() + time_limit_s
     answer = find_leap(leap, method, time_limit_s=time_limit_s)
-    if answer.solution is None or not leap.robot.source.own:
+    if answer.solution is None or not leap.robot.own:
         return answer
     from stancekit.planners.leap.bend import judged_answer  # reads robots, and is slow to import
 

@@ -212,7 +212,7 @@ def _check_executed(
     """Raise InvalidInput for an execution with another number of joints or footholds; one of another
     motion with the same numbers is not noticed.
     """
-    expected, got = [len(motion.robot.source.joint_names)], [executed.trace.angles_rad.shape[1]]
+    expected, got = [len(motion.robot.joint_names)], [executed.trace.angles_rad.shape[1]]
     if isinstance(motion, Plan | LeapPlan):
         expected.append(len(motion.problem.footholds))
         got.append(len(executed.slip_m))

@@ -29,7 +29,7 @@ def robot(source: str | Path, *, srdf: str | Path | None = None) -> Robot:
 
     Returns:
         The ``Robot``, for ``plan``, ``walk``, ``sample``, ``label``, ``terrain``. What was guessed
-        about it is in ``model.remarks``; the default hexapod is its limbs alone.
+        about it is in ``model.guesses`` and ``model.doubts``; the default hexapod is its limbs alone.
 
     Raises:
         InvalidInput: for an unknown name, a file of another kind, and a leg whose foot reaches

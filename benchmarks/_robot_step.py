@@ -77,7 +77,11 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     if outcome.solution is not None:
         started = time.process_time()
         bent = whole_body(outcome.solution)
-        plan, found["steps"], found["torque_share_before"] = bent.plan, bent.steps, bent.before[0]
+        plan, found["steps"], found["torque_share_before"] = (
+            bent.plan,
+            bent.steps,
+            (bent.before or bent).share,
+        )
         found["joints_s"] = time.process_time() - started
         with TemporaryDirectory() as folder:
             path = Path(folder) / "plan.json"
@@ -197,7 +201,7 @@ def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
         for i, leg in enumerate(model.legs):
             foot = data.oMi[known.getJointId(leg.joint_names[-1])].act(np.array(leg.chain.tip_m))
             normal = plan.problem.patch(int(plan.problem.holds[k][i]), plan.choice).normal
-            toe = plan.com_m[k] + turn @ (foot - model.body.com_m) - leg.radius_m * normal
+            toe = plan.com_m[k] + turn @ (foot - model.com_m) - leg.radius_m * normal
             errors[k, i] = np.linalg.norm(toe - plan.toes_at(k)[i])
     return errors
 

@@ -66,16 +66,16 @@ def main(urdf: tyro.conf.Positional[Path | None] = None, /) -> None:
     )
     model, printed, rng = model_of_keys(keys, path), anymal(), np.random.default_rng(0)
     walker = walker_of(model, ceiling_m=-0.2, inner_m=0.08)
-    print(f"mass {model.body.mass_kg:.4f} kg, in the file {printed.mass_kg:g}")
+    print(f"mass {model.mass_kg:.4f} kg, in the file {printed.mass_kg:g}")
     print(
-        f"inertia, largest difference {np.abs(model.body.inertia_kgm2 - printed.inertia_kgm2).max():.2g} kg m²"
+        f"inertia, largest difference {np.abs(model.inertia_kgm2 - printed.inertia_kgm2).max():.2g} kg m²"
     )
     for name in printed.limb_names:
         (file, foot), leg = (
             (each.feet[each.limb_names.index(name)] for each in (printed, walker)),
             model.leg(name),
         )
-        points = rng.uniform(file.reach_min_m, file.reach_max_m, (POINTS, 3)) + model.body.com_m
+        points = rng.uniform(file.reach_min_m, file.reach_max_m, (POINTS, 3)) + model.com_m
         _, error = Seeds(leg, leg.random_angles(8000, rng)).solve(points)
         ours, theirs = (
             f"{each.reach_min_m.round(3)} {each.reach_max_m.round(3)}" for each in (foot, file)

@@ -415,12 +415,12 @@ def other_file(ground: Ground, robot: str | None, folder: Path) -> Row:
     _, provider, inside = next(each for each in as_they_come() if each[0] == TWINS[robot])
     if provider_folder(provider) is None:
         return {"status": NONE, "message": f"{provider} is not installed", "cpu_s": 0.0}
-    mine, path = robot_of(robot).source.own_model(), folder / f"{TWINS[robot]}.yaml"
+    mine, path = robot_of(robot).own_model(), folder / f"{TWINS[robot]}.yaml"
     names = (zip(leg.joint_names, leg.stance_rad.tolist(), strict=True) for leg in mine.legs)
     posture = {joint: angle for leg in names for joint, angle in leg}
     known = {"name": robot, "provider": provider, "urdf": inside, "posture_rad": posture}
     path.write_text(json.dumps(known), encoding="utf-8")
-    twin = robot_of(path).source.own_model()
+    twin = robot_of(path).own_model()
     feet = [
         {leg.name: leg.chain.feet(leg.stance_rad[None])[0] for leg in each.legs}
         for each in (mine, twin)
@@ -603,9 +603,9 @@ def in_world(world: Frame, ground: Ground, robot: str | None, folder: Path) -> R
 def sized(size: float, ground: Ground, robot: str | None, folder: Path) -> Row:
     """Robot and ground larger or smaller, by similarity."""
     who = stancekit.robot(robot or "hexapod")
-    if who.source.own and not str(robot).endswith(".urdf"):
+    if who.own and not str(robot).endswith(".urdf"):
         return {"status": NONE, "message": "a file of meshes", "cpu_s": 0.0}
-    if who.source.own:
+    if who.own:
         path = folder / f"sized-{Path(str(robot)).name}"
         path.write_text(larger(Path(str(robot)).read_text(encoding="utf-8"), size))
         who = stancekit.robot(path)

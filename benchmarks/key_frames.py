@@ -42,7 +42,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.nlp import NlpProgram
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.micp import GUROBI_LIMITS, SOLVERS
-from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
+from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 from stancekit.planners.search.choice import nearest
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.micp import Micp, starting_points
@@ -122,8 +122,9 @@ def from_starts(
         if not np.isfinite(point.residual):
             objectives.append(np.inf)
             continue
-        claim = Claim(plan=plan_of(course, scaled, choice, point))
-        answer = Acceptance().answer(course, claim, method="nlp", clock=Clock.start())
+        answer = Acceptance().answer(
+            course, plan=plan_of(course, scaled, choice, point), method="nlp", clock=Clock.start()
+        )
         objectives.append(answer.objective if answer.status is Status.FEASIBLE else np.inf)
     accepted = np.isfinite(objectives)
     best = min(best, *objectives)

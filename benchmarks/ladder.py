@@ -103,7 +103,7 @@ class Robot:
             path.write_text(urdf(legs, np.random.default_rng([seed, legs])))
             file = str(path)
         robot = robot_of(file)
-        model = robot.source.own_model() if robot.source.own else None
+        model = robot.own_model() if robot.own else None
         toes = (
             standing_toes(model) if isinstance(model, RobotModel) else np.array(_usual_toes(robot))
         )

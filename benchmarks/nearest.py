@@ -51,7 +51,7 @@ from stancekit.planners.projection.nlp import CONVERGED
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, domain_of
-from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
+from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.micp import Micp
 from stancekit.planners.search.two_stage import TwoStage
@@ -247,8 +247,9 @@ def accepted(
     point = project(programs, "scp", chosen, start)
     if not np.isfinite(point.residual):
         return None
-    claim = Claim(plan=plan_of(problem, scaled, choice, point))
-    answer = Acceptance().answer(problem, claim, method=method, clock=Clock.start())
+    answer = Acceptance().answer(
+        problem, plan=plan_of(problem, scaled, choice, point), method=method, clock=Clock.start()
+    )
     return answer if answer.status is Status.FEASIBLE else None
 
 

@@ -34,7 +34,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import LiftProgram
-from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
+from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 from stancekit.planners.search.micp import Decoupled
 from stancekit.planners.search.two_stage import TwoStage
 
@@ -84,8 +84,15 @@ class Peer:
             if plan is not None or word == "infeasible":
                 break
         details = {"projected": float(word == "feasible")}
-        claim = Claim(plan=plan, word=word, message=message, details=details)
-        return Acceptance().answer(course, claim, method=self.name, clock=clock)
+        return Acceptance().answer(
+            course,
+            plan=plan,
+            word=word,
+            message=message,
+            details=details,
+            method=self.name,
+            clock=clock,
+        )
 
     def _said(self, mixed: _region_peers.Mixed) -> Any:
         if self.name == "scip":

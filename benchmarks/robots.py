@@ -161,8 +161,8 @@ def row(name: str, file: str, legs: int) -> dict[str, Any]:
         "load_s": time.process_time() - started,
         "legs": len(model.legs),
         "joints": len(model.legs[0].joints),
-        "mass_kg": model.body.mass_kg,
-        "doubts": sum(remark.kind == "doubt" for remark in model.remarks),
+        "mass_kg": model.mass_kg,
+        "doubts": len(model.doubts),
     }
     measured = model.legs[: legs or None]
     started = time.process_time()

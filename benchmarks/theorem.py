@@ -46,7 +46,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.papers import coupled, mccormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer, Relaxed, unit_shares
-from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
+from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 
 CORNERS = 8
 """Corners of P1's set that are projected, beside its own answer; directions are the same for all."""
@@ -290,7 +290,7 @@ def _posture(
         if not box.contains(scaled.point(plan)[None], margin=INSIDE)[0]:
             continue
         answer = Acceptance().answer(
-            scene.problem, Claim(plan=plan), method="theorem", clock=Clock.start()
+            scene.problem, plan=plan, method="theorem", clock=Clock.start()
         )
         if answer.status is Status.FEASIBLE:
             return True

@@ -43,7 +43,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
+from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 from stancekit.planners.search.exact import Exact
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
@@ -162,9 +162,11 @@ class BareLoop:
             if answer.feasible and answer.point is not None:
                 point = project(self._programs, "fix-p", scaled, answer.point)
                 if np.isfinite(point.residual):
-                    claim = Claim(plan=plan_of(scene.problem, scaled, scaled.numbers, point))
                     self._acceptance.answer(
-                        scene.problem, claim, method="fix-p", clock=Clock.start()
+                        scene.problem,
+                        plan=plan_of(scene.problem, scaled, scaled.numbers, point),
+                        method="fix-p",
+                        clock=Clock.start(),
                     )
 
 

@@ -175,7 +175,7 @@ def doubled(robot: stancekit.Robot) -> Actuators:
         joint.name: ActuatorModel(
             stall_nm=2.0 * joint.torque_nm, no_load_rad_s=joint.velocity_rad_s, curve="flat"
         )
-        for leg in robot.source.legs().legs
+        for leg in robot.legs.legs
         for joint in leg.joints
     }
     return Actuators(joints={name: name for name in kinds}, actuators=kinds)

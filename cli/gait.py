@@ -68,8 +68,8 @@ def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) 
         "cpu_seconds": plan.seconds,
         "figures": dict(best.report.figures),
         "joints": joints(best),
-        "cannot_run": list(best.trajectory.robot.source.unrunnable),
-        "doubts": list(best.trajectory.robot.source.doubts),
+        "cannot_run": list(best.trajectory.robot.unrunnable),
+        "doubts": list(best.trajectory.robot.doubts),
         "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
         "failures": list(plan.failures),
     }
@@ -331,7 +331,7 @@ class PlanGait:
                     "verified": False,
                     "status": "undecided",
                     "message": message,
-                    "doubts": list(task.robot.source.doubts),
+                    "doubts": list(task.robot.doubts),
                     "failures": list(failures),
                 }
             )
@@ -471,9 +471,9 @@ class PlanGait:
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
         if best.solution.success and best.report.remark:
             out.print(best.report.remark, highlight=False)
-        for line in best.trajectory.robot.source.unrunnable:
+        for line in best.trajectory.robot.unrunnable:
             out.print(f"cannot be run: {line}", highlight=False)
-        for line in best.trajectory.robot.source.doubts:
+        for line in best.trajectory.robot.doubts:
             out.print(f"doubt: {line}", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"

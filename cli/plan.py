@@ -241,7 +241,7 @@ def _course_lines(answer: Answer[Plan], plan: Plan) -> Iterator[str]:
     yield from _bent_lines(answer.details)
     yield report.body_message
     yield report.remark
-    yield from (f"cannot be run: {line}" for line in plan.problem.robot.source.unrunnable)
+    yield from (f"cannot be run: {line}" for line in plan.problem.robot.unrunnable)
     if plan.modes is not None:
         terrain = (
             "" if plan.problem.modes is None else f"; of the terrain: {_row(plan.problem.modes)}"
@@ -259,7 +259,7 @@ def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
     assert report is not None
     yield f"{answer.effort.tries} tries, {answer.effort.solves} solves"
     yield f"verifier: {report.message}"
-    if not plan.problem.robot.source.own:
+    if not plan.problem.robot.own:
         return
     for group in report.groups:
         if group.name not in LEAP_BODY:
@@ -364,7 +364,7 @@ def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
         return record
     return {
         **record,
-        "cannot_run": list(solution.robot.source.unrunnable),
+        "cannot_run": list(solution.robot.unrunnable),
     }
 
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from stancekit.planners.robot.reach_sets import Workspace
-    from stancekit.planners.robot.robot_model import Remark, RobotModel
+    from stancekit.planners.robot.robot_model import RobotModel
 
 
 @dataclass
@@ -65,9 +65,8 @@ class ShowRobot:
         except InvalidInput as error:  # a robot whose feet stay on a surface is a robot still
             workspaces, trouble = [None] * len(model.legs), str(error)
         if self.picture is not None:
-            model = replace(
-                model, remarks=(*model.remarks, *_drawn(model, workspaces, self.picture))
-            )
+            unseen = _drawn(model, workspaces, self.picture)
+            model = replace(model, doubts=(*model.doubts, *unseen))
         if self.json:
             emit(_record(model, workspaces, trouble))
             return int(bool(trouble))
@@ -76,8 +75,11 @@ class ShowRobot:
             out.print()
             out.print(table)
         out.print()
-        for remark in model.remarks:
-            out.print(f"{remark.kind}: {remark.text}")
+        for line in (
+            *map("guess: {}".format, model.guesses),
+            *map("doubt: {}".format, model.doubts),
+        ):
+            out.print(line)
         if trouble:
             out.print(f"no workspace: {trouble}")
         return int(bool(trouble))
@@ -125,26 +127,25 @@ class ShowRobot:
         return 0
 
 
-def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path) -> list[Remark]:
+def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path) -> list[str]:
     """Draw the robot; doubts on meshes that should be in the picture and cannot be."""
     from stancekit.planners.robot.meshes import unseen
-    from stancekit.planners.robot.robot_model import Remark
     from stancekit.views.robots import TRIANGLES, draw_robot
     from stancekit.views.sheet import save
 
     save(draw_robot(model, [each for each in workspaces if each is not None]), picture)
-    return [Remark(kind="doubt", text=text) for text in unseen(model.shapes, TRIANGLES)]
+    return list(unseen(model.shapes, TRIANGLES))
 
 
 def _head(model: RobotModel) -> Table:
-    com = ", ".join(f"{round(float(value), 3) + 0.0:.3f}" for value in model.body.com_m)
+    com = ", ".join(f"{round(float(value), 3) + 0.0:.3f}" for value in model.com_m)
     import numpy as np
 
-    moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(model.body.inertia_kgm2))
+    moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(model.inertia_kgm2))
     joints = sum(len(leg.joints) for leg in model.legs)
     rows = (
         ("robot", model.name),
-        ("mass", f"{model.body.mass_kg:.3f} kg, centre at ({com}) m, moments {moments} kg m²"),
+        ("mass", f"{model.mass_kg:.3f} kg, centre at ({com}) m, moments {moments} kg m²"),
         ("legs", f"{len(model.legs)}, {joints} joints: {', '.join(model.leg_names)}"),
         ("stands", f"{model.stand_height_m:.3f} m above its feet"),
         (
@@ -233,14 +234,14 @@ def _record(model: RobotModel, workspaces: list[Workspace | None], trouble: str)
         legs.append(record)
     return {
         "name": model.name,
-        "mass_kg": model.body.mass_kg,
-        "com_m": model.body.com_m.tolist(),
-        "inertia_kgm2": model.body.inertia_kgm2.tolist(),
+        "mass_kg": model.mass_kg,
+        "com_m": model.com_m.tolist(),
+        "inertia_kgm2": model.inertia_kgm2.tolist(),
         "stand_height_m": model.stand_height_m,
         "legs": legs,
         "disabled_pairs": sorted(sorted(pair) for pair in model.disabled_pairs),
-        "guesses": [remark.text for remark in model.remarks if remark.kind == "guess"],
-        "doubts": [remark.text for remark in model.remarks if remark.kind == "doubt"],
+        "guesses": list(model.guesses),
+        "doubts": list(model.doubts),
         "no_workspace": trouble or None,
         "digest": model.digest,
     }

@@ -40,7 +40,7 @@ def row(name: str, folder: Path, limit_s: float) -> dict[str, object]:
         joints = sorted({len(leg.joints) for leg in legs})
         found |= {
             "feet": f"{len(legs)} × {'–'.join(map(str, joints))}",
-            "mass_kg": round(model.body.mass_kg, 1),
+            "mass_kg": round(model.mass_kg, 1),
             "soles": any(getattr(leg, "sole", None) is not None for leg in legs),
             "picture": _png(to_rgb(draw_robot(model, size_px=SIZE_PX))[HEAD_PX:]),
         }

@@ -351,9 +351,7 @@ def judged(motion: Motion) -> Report[Any]:
     """The verifier on a motion; of a plan on joints and bodies, too, where it has
     angles or the robot has legs of its own.
     """
-    known = not isinstance(motion, Plan) or (
-        motion.joints_rad is not None or motion.robot.source.own
-    )
+    known = not isinstance(motion, Plan) or (motion.joints_rad is not None or motion.robot.own)
     return judge(motion, joints=known)
 
 
@@ -390,7 +388,7 @@ def _differs(plan: Robot, world: Robot) -> str:
     """The first number in which two robots differ; empty where there is none."""
     if not np.isclose(plan.mass_kg, world.mass_kg, rtol=1e-6):
         return f"{plan.mass_kg:g} kg and {world.mass_kg:g} kg"
-    models = [robot.source.digest for robot in (plan, world)]
+    models = [robot.digest for robot in (plan, world)]
     if models[0] != models[1]:
         return (
             "their legs are of different files"

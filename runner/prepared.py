@@ -265,7 +265,7 @@ def _of_gait(accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSett
             "rotation"
         )
     trajectory, kinematics = accepted.plan, _kinematics(accepted, world)
-    motion = gait_motion(trajectory, accepted.robot.source.foot_radii_m)
+    motion = gait_motion(trajectory, accepted.robot.foot_radii_m)
     wished = (
         _check_gait(motion, kinematics, world, hung=settings.hung)
         if settings.check_limits
@@ -390,7 +390,7 @@ def _check_leaps(settings: RunSettings, world: SafeWorld) -> None:
 
 def _sees_feet(world: SafeWorld, settings: RunSettings) -> bool:
     """Tell whether what feet feel comes back, and is used."""
-    return world.capabilities.has_contact_forces and not world.dry and not settings.blind
+    return world.senses and not world.dry and not settings.blind
 
 
 def body_from(world: SafeWorld, settings: RunSettings) -> BodyFrom:
@@ -399,7 +399,7 @@ def body_from(world: SafeWorld, settings: RunSettings) -> BodyFrom:
         return "nothing"
     if settings.odometry:
         return "leg odometry"
-    return "the world" if world.capabilities.has_body_pose and not settings.blind else "nothing"
+    return "the world" if world.senses and not settings.blind else "nothing"
 
 
 def _check_settings(settings: RunSettings, world: SafeWorld) -> None:

@@ -277,7 +277,7 @@ class RunReport:
         Arguments:
             message: what stopped it, empty where nothing did.
         """
-        execution, measured = None, world.capabilities.has_body_pose and not world.dry
+        execution, measured = None, world.senses and not world.dry
         if measured and record.pairs:
             execution = Execution.of(
                 record,

@@ -356,7 +356,7 @@ class Runner:
 
     def check_body(self, target: Target, state: State) -> None:
         """Stop where the body is not where it should be."""
-        if not self.world.capabilities.has_body_pose or self.world.dry:
+        if not self.world.senses or self.world.dry:
             return
         off = state.position_m - target.origin_m
         away = sqrt(float(off @ off))

@@ -501,7 +501,7 @@ def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
     period.
     """
     trace, robot = execution.trace, trajectory.robot
-    centre, radii = robot.origin_m, robot.source.foot_radii_m
+    centre, radii = robot.origin_m, robot.foot_radii_m
     return replace(
         trajectory,
         times_s=trace.time_s,

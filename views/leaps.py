@@ -96,7 +96,7 @@ class LeapView(View):
     @property
     def judged(self) -> str:
         """Sentence about joints and bodies."""
-        return _JUDGED if self.robot.source.own else UNJUDGED
+        return _JUDGED if self.robot.own else UNJUDGED
 
     @cached_property
     def motion(self) -> Played:

@@ -113,7 +113,7 @@ class Links:
         points = (
             np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
         )
-        flat = (points - self.model.body.com_m)[:, :2]
+        flat = (points - self.model.com_m)[:, :2]
         try:
             return np.pad(flat[ConvexHull(flat).vertices], ((0, 0), (0, 1)))
         except QhullError:
@@ -373,16 +373,16 @@ def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotSha
 def climber(robot: Robot) -> RobotShape:
     """A robot that climbs: its own links, or a deck with limbs."""
     size = float(np.mean([limb.reach_m for limb in robot.limbs]))
-    if robot.source.own:
-        return linked(robot.source.own_model(), size)
+    if robot.own:
+        return linked(robot.own_model(), size)
     return hexapod(robot.limb_names, np.array([limb.shoulder_m for limb in robot.limbs]), size)
 
 
 def single_body(robot: Robot) -> RobotShape:
     """A walker: its own links, or a box of the trunk's measures."""
     half, size = robot.trunk_half_m, robot.stand_height_m
-    if robot.source.own:
-        return linked(robot.source.own_model(), size)
+    if robot.own:
+        return linked(robot.own_model(), size)
     nose = _nose(0.55 * half[0], 0.9 * half[0], 0.45 * half[1], half[2])
     outline = (
         np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half
@@ -501,9 +501,9 @@ def draw_robot(
     stance = [leg.stance_rad for leg in robot.legs]
     feet = np.array([leg.nominal_m for leg in robot.legs])
     size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
-    bodies = Links(robot).bodies(robot.body.com_m, np.eye(3), stance)
+    bodies = Links(robot).bodies(robot.com_m, np.eye(3), stance)
     bodies.append(
-        DrawnBody(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK)
+        DrawnBody(name="com", shape=Sphere(0.018 * size), position_m=robot.com_m, colour=INK)
     )
     for index, workspace in enumerate(workspaces or ()):
         bodies.append(
@@ -535,7 +535,7 @@ def draw_robot(
     )
     figure = sheet(size_px)
     joints = sum(len(leg.joints) for leg in robot.legs)
-    words = f"{len(robot.legs)} legs, {joints} joints, {robot.body.mass_kg:.3g} kg"
+    words = f"{len(robot.legs)} legs, {joints} joints, {robot.mass_kg:.3g} kg"
     headline(
         figure,
         robot.name,

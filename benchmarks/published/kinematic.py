@@ -36,7 +36,7 @@ from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Foothold
 from stancekit.planners.projection.project import project
-from stancekit.planners.search.answer import Acceptance, Claim, Clock, Kind, plan_of
+from stancekit.planners.search.answer import Acceptance, Clock, Kind, plan_of
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface, half_planes
 from stancekit.planners.verify import check_plan
@@ -138,8 +138,14 @@ class KinematicPlanner:
         }
         if placed is None:
             word = "infeasible" if message == "infeasible" and self.choice == "mip" else "unknown"
-            claim = Claim(word=word, message=f"kinematics: {message}", details=details)
-            return self.acceptance.answer(course, claim, method=self.name, clock=clock)
+            return self.acceptance.answer(
+                course,
+                word=word,
+                message=f"kinematics: {message}",
+                details=details,
+                method=self.name,
+                clock=clock,
+            )
         details["tried"] = float(placed.tried)
         plan, as_planned, reason = None, False, "there is no body in the plan"
         if placed.com_m is not None:
@@ -150,8 +156,15 @@ class KinematicPlanner:
         if not as_planned:
             plan = self._with_forces(course, placed, hold_body=False)
             details["freed"] = float(check_plan(plan).accepted)
-        claim = Claim(plan=plan, word="feasible", message=reason, details=details)
-        return self.acceptance.answer(course, claim, method=self.name, clock=clock)
+        return self.acceptance.answer(
+            course,
+            plan=plan,
+            word="feasible",
+            message=reason,
+            details=details,
+            method=self.name,
+            clock=clock,
+        )
 
     def _choices(self, model: _Model, clock: Clock) -> Iterator[Index]:
         if self.choice == "l1":

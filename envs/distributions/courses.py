@@ -33,10 +33,10 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.families import (
+    NOT_WALKED,
     SMOOTH,
     TERRAIN_FAMILIES,
     random_heights,
-    terrain_family,
 )
 from stancekit.planners.terrain.reference import (
     TERRAINS,
@@ -80,7 +80,7 @@ class SampledTasks:
             )
         if not self._families:
             TERRAINS.get(self.terrain)
-        elif self.terrain not in ("mixed", "any") and not terrain_family(self.terrain).walked:
+        elif self.terrain not in ("mixed", "any") and self.terrain in NOT_WALKED:
             raise InvalidInput(
                 f"terrain: expected a family of ground to walk on, got {self.terrain}, all upright"
             )
@@ -97,7 +97,7 @@ class SampledTasks:
         if self.terrain == "mixed":
             return SMOOTH
         if self.terrain == "any":
-            return tuple(name for name in TERRAIN_FAMILIES.names() if terrain_family(name).walked)
+            return tuple(name for name in TERRAIN_FAMILIES.names() if name not in NOT_WALKED)
         return (self.terrain,) if self.terrain in TERRAIN_FAMILIES.names() else ()
 
     def __call__(self, rng: np.random.Generator) -> Walk:

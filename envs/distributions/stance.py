@@ -124,7 +124,7 @@ class StandingRobot:
         """
         if isinstance(robot, Robot):
             robot.check_limbs()
-        if isinstance(robot, Robot) and not robot.source.own:
+        if isinstance(robot, Robot) and not robot.own:
             toes = paper_stance(robot.limbs, "ground").centre_m
             reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
             return cls(robot=robot, toes_m=toes, reach_m=reach, paper=_is_default(robot))
@@ -142,7 +142,7 @@ class StandingRobot:
         )
         from stancekit.planners.robot.walker import contact_robot  # slow to import
 
-        model = named_robot(robot) if isinstance(robot, str) else robot.source.own_model()
+        model = named_robot(robot) if isinstance(robot, str) else robot.own_model()
         try:
             workspaces = workspaces_of(model)
         except InvalidInput as error:

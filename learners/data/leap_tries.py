@@ -43,7 +43,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class, leap_to_json
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.terrain.families import SCENE, Terrain, family_terrain, terrain_family
+from stancekit.planners.terrain.families import SCENE, Terrain, family_terrain, level_of
 from stancekit.planners.verify.leap_proof import GUARD, Refuter
 from stancekit.planners.verify.leaps import check_leap
 
@@ -127,7 +127,7 @@ def export_scenes(
             "format": FORMAT,
             "family": family,
             "level": level,
-            "quantity": terrain_family(family).quantity,
+            "quantity": level_of(family),
             "robot": "hexapod",
             "scenes": scenes,
         }

@@ -36,7 +36,7 @@ from stancekit.planners.files.writing import make_folder, write_text
 from stancekit.planners.plugins import code_of
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.answer import Acceptance, Claim, Clock, plan_of
+from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 from stancekit.runner.control.envelope_choice import Predictor
 
 from ..data.executors import Executor, gather, processes
@@ -295,9 +295,11 @@ def _lifted(
             if admits and scene.feasible:
                 point = project(programs, way, scaled, lift.rounded()[1])
                 if np.isfinite(point.residual):
-                    claim = Claim(plan=plan_of(scene.problem, scaled, scaled.numbers, point))
                     outcome = acceptance.answer(
-                        scene.problem, claim, method=way, clock=Clock.start()
+                        scene.problem,
+                        plan=plan_of(scene.problem, scaled, scaled.numbers, point),
+                        method=way,
+                        clock=Clock.start(),
                     )
                     reached = outcome.status is Status.FEASIBLE
             info[_key(way)] = int(reached)

@@ -152,7 +152,7 @@ class Answer(Generic[S]):
         each.
         """
         robot = getattr(self.problem or self.solution, "robot", None)
-        return (*(() if robot is None else robot.source.doubts), *self.more_doubts)
+        return (*(() if robot is None else robot.doubts), *self.more_doubts)
 
     @property
     def residual_nm(self) -> float:

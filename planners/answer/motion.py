@@ -70,7 +70,7 @@ class Evidence:
     def doubts(self) -> tuple[str, ...]:
         """Numbers of the robot's file that were guessed or are hard to believe, one line each."""
         robot: Robot | None = getattr(self, "robot", None)
-        return () if robot is None else robot.source.doubts
+        return () if robot is None else robot.doubts
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are known, by name."""

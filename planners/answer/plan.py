@@ -217,7 +217,7 @@ class Plan(Motion):
             points = max(1 if sole is None else len(sole) for sole in soles)
             shapes["points_m"] = (placed, points, 3)
             shapes["point_forces_n"] = (stances, limbs, points, 3)
-        if (problem.robot.source.own and not problem.is_posture) or not problem.has_soles:
+        if (problem.robot.own and not problem.is_posture) or not problem.has_soles:
             joints = 0 if problem.is_posture else len(joint_names(problem.robot))
             shapes["joints_rad"] = (frames, joints)
         return {**shapes, "modes": (frames,)}
@@ -244,9 +244,9 @@ class Plan(Motion):
             return ""
         if course.uncarried:
             return NOBODY_CARRIES
-        if course.has_soles and not course.robot.source.own:
+        if course.has_soles and not course.robot.own:
             return "its feet are soles of unknown legs"
-        return course.robot.source.hindrance
+        return course.robot.hindrance
 
     def labels(self) -> dict[str, list[Any]]:
         """Names of rows and columns: limbs are columns of forces; toes have limb and key frame of

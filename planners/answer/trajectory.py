@@ -206,7 +206,7 @@ class Trajectory(Motion):
         """
         from ..robot.model import walking_robot  # slow to import
 
-        left = [name for name in unchecked if self.robot.source.own or name not in WALK_BODY]
+        left = [name for name in unchecked if self.robot.own or name not in WALK_BODY]
         if left:
             return left_unchecked(left)
         if self.problem.adhesive.any():
@@ -254,7 +254,7 @@ def _check_built_in(robot: Robot) -> None:
     """Raise InvalidInput for a robot that has the name of a built-in robot but other numbers."""
     from ..robot.walker import BUILT_IN
 
-    if not robot.source.own and robot.name in BUILT_IN:
+    if not robot.own and robot.name in BUILT_IN:
         expected = replace(BUILT_IN[robot.name](), model=None).to_json()
         if other := first_difference(robot.to_json(), expected):
             raise InvalidInput(

@@ -486,7 +486,7 @@ def _check_asked(
             )
     if not isinstance(motion, Plan):
         return
-    problem, legs = motion.problem, motion.problem.robot.source
+    problem, legs = motion.problem, motion.problem.robot
     if course is not None and problem.is_posture:
         raise InvalidInput(f"{path}: expected a plan of that course, got a posture")
     model = None if robot is None else named_robot(robot)

@@ -41,27 +41,16 @@ from .transcription.taylor import Constraint
 from .variables import Structure, sampled
 from .walk_table import GaitSettings
 
-
-@dataclass(frozen=True, kw_only=True)
-class Costs:
-    """Weights of the objective ½ proximal ‖x − x₁‖² + ½ acceleration ∫… + ½ force_rate ∫…
-    (``constraints.cost``).
-    """
-
-    proximal: float = 0.3
-    acceleration: float = 0.0
-    force_rate: float = 0.0
-
-    @property
-    def smooth(self) -> bool:
-        """Tell whether more than the distance from the reference counts."""
-        return self.acceleration > 0.0 or self.force_rate > 0.0
+Costs = tuple[float, float, float]
+"""Weights of the objective ½ w₀ ‖x − x₁‖² + ½ w₁ ∫ acceleration² + ½ w₂ ∫ force rate²
+(``constraints.cost``)."""
+_CLOSE: Costs = (0.3, 0.0, 0.0)
 
 
 class SolveOptions(TypedDict, total=False):
     """Options of a solve besides its guess, see ``GaitProgram.solve``."""
 
-    costs: Costs | None
+    costs: Costs
     reference: Array | None
     height_factor: float
     max_iterations: int | None
@@ -112,19 +101,17 @@ class GaitProgram:
             np.asarray(self.nlp.constraint(x, parameters), dtype=np.float64).ravel()
         )
 
-    def build(
-        self, *, costs: Costs | None = None, max_iterations: int | None = None, **_: Any
-    ) -> None:
+    def build(self, *, costs: Costs = _CLOSE, max_iterations: int | None = None, **_: Any) -> None:
         """Build what ``solve`` needs with these options, so that child processes find it ready."""
         limit = self.settings.max_iterations if max_iterations is None else max_iterations
-        self._ipopt.build(costs=(costs or Costs()).smooth, max_iterations=limit)
+        self._ipopt.build(costs=any(costs[1:]), max_iterations=limit)
 
     def solve(
         self,
         guess: Array | None = None,
         callback: Callback | None = None,
         *,
-        costs: Costs | None = None,
+        costs: Costs = _CLOSE,
         reference: Array | None = None,
         height_factor: float = 1.0,
         max_iterations: int | None = None,
@@ -136,7 +123,7 @@ class GaitProgram:
         Arguments:
             guess: shape (size,), the program's own if missing. callback(iteration, violation,
                 cost): may return True to stop.
-            costs: weights of the objective; without any, the distance from the reference alone
+            costs: weights of the objective; unless given, the distance from the reference alone
                 keeps the answer near.
             reference: x₁, shape (size,), the guess if missing.
             height_factor: on the terrain's heights (homotopy), for charts that have no map of their
@@ -152,7 +139,6 @@ class GaitProgram:
             InvalidInput: for arrays of another shape and for a height_factor other than 1 in a
                 chart with a map.
         """
-        costs = costs or Costs()
         checked(height_factor, "height_factor", least=0.0)
         if height_factor != 1.0 and not self.structure.chart.scales:
             raise InvalidInput(
@@ -164,13 +150,13 @@ class GaitProgram:
         parameters = np.concatenate(
             [
                 start if reference is None else read_only(reference, (self.size,), "reference"),
-                [costs.proximal, costs.acceleration, costs.force_rate, height_factor],
+                [*costs, height_factor],
             ]
         )
         result = self._ipopt.solve(
             start,
             parameters,
-            costs=costs.smooth,
+            costs=any(costs[1:]),
             callback=callback,
             stop_when_feasible=stop_when_feasible,
             max_iterations=self.settings.max_iterations

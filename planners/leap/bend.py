@@ -179,7 +179,7 @@ class LeapBender:
         Arguments:
             shortened_m, share: as of ``_JudgedLeap``.
         """
-        model = plan.problem.robot.source.own_model()
+        model = plan.problem.robot.own_model()
         if self._body is None:
             if unlimited := no_motors(model):
                 raise InvalidInput(f"robot {plan.problem.robot.name}: {unlimited}")
@@ -655,7 +655,7 @@ def judged_answer(
         obstacles: what bodies keep out of; the surfaces that are taken unless others are given.
     """
     plan = answer.solution
-    if plan is None or not plan.problem.robot.source.own:
+    if plan is None or not plan.problem.robot.own:
         return answer
     bender = LeapBender(programs, share=share, deadline=deadline, obstacles=obstacles)
     first, best = bender.bent(plan)

@@ -163,13 +163,13 @@ def cross(
         plan after all.
     """
     leaper = leaping_robot(robot)
-    if not leaper.source.own or any(limb.sole_m is not None for limb in leaper.limbs):
+    if not leaper.own or any(limb.sole_m is not None for limb in leaper.limbs):
         return None
-    model = leaper.source.own_model()
+    model = leaper.own_model()
     terrain = question.terrain.along(np.array([question.goal_m]), Path())
     feet = np.array([leg.chain.feet(leg.stance_rad[None])[0] for leg in model.legs])
     radii = np.array([leg.radius_m for leg in model.legs])
-    toes = feet - model.body.com_m - np.array([0.0, 0.0, 1.0]) * radii[:, None]
+    toes = feet - model.com_m - np.array([0.0, 0.0, 1.0]) * radii[:, None]
     way = stretches(terrain, toes, np.array([question.start_m, question.goal_m]))
     if way is None:
         return None

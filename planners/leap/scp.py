@@ -220,7 +220,7 @@ def attempt(
     """
     scaled = reserved(numbers, choice, share)
     scaled = replace(scaled, reach=scaled.reach - shortened_m)
-    quiet = _GENTLE if numbers.leap.robot.source.own else 0.0
+    quiet = _GENTLE if numbers.leap.robot.own else 0.0
     program = programs.get(LeapProgram, scaled.layout, numbers.leap.still, 0, quiet)
     middles = np.array([piece.mean(axis=0) for piece in scaled.pieces])
     problem = LeapGiven(
@@ -261,7 +261,7 @@ def reserved(numbers: LeapNumbers, choice: Index, share: float) -> Scaled:
     borders of patches where feet are to stand on them.
     """
     scaled = numbers.scaled.chosen(choice)
-    if numbers.leap.robot.source.own:
+    if numbers.leap.robot.own:
         pieces = [_inside(piece, _EDGE_M) for piece in scaled.pieces]
         scaled = replace(scaled, vertices=np.concatenate(pieces))
     return replace(

@@ -234,7 +234,7 @@ def feet_motion(subject: Motion) -> Played:
         case Plan():
             return plan_motion(subject, uncarried=True)
         case Trajectory():
-            return gait_motion(subject, subject.robot.source.foot_radii_m)
+            return gait_motion(subject, subject.robot.foot_radii_m)
         case LeapPlan():
             return feet_of_leap(subject)
         case Crossing():

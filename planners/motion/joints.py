@@ -19,7 +19,7 @@ from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import ToeKinematics, WholeBody, descend_legs
-from ..robot.kinematics import JointAnswer, Kinematics
+from ..robot.kinematics import Kinematics
 from ..robot.leg import rotations_of
 from ..robot.model import robot_of
 from ..robot.robot_model import RobotModel
@@ -80,7 +80,7 @@ class MovingBody:
             rounds: as ``_ROUNDS``.
             steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
         """
-        body_m, angles = self.model.body.com_m, near
+        body_m, angles = self.model.com_m, near
         origin = com_m - rotation @ body_m
         if near is not None:
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))
@@ -122,7 +122,7 @@ def walk_postures(trajectory: Trajectory) -> tuple[WholeBody, Kinematics]:
 
 
 def _model(trajectory: Trajectory) -> RobotModel:
-    return trajectory.robot.source.own_model()
+    return trajectory.robot.own_model()
 
 
 def _normals(trajectory: Trajectory) -> Array:
@@ -143,10 +143,9 @@ def plan_angles(
     start_rad: Array | None = None,
     *,
     deadline: float = math.inf,
-) -> list[JointAnswer]:
-    """Angles of every key frame, rotations taken exactly.
-
-    The torques are those of the mean force of the frame's stances.
+) -> tuple[Array, Array, Array]:
+    """Angles of every key frame, rotations taken exactly, shape (K, J), and what ``Kinematics.solve``
+    tells beside them, shapes (K, N).
 
     Arguments:
         start_rad: of a robot that stands already, shape (J,): no joint leaves them at the first key
@@ -160,7 +159,7 @@ def plan_angles(
     course = plan.problem
     solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     solids = solids_of(course.terrain)
-    answers = list[JointAnswer]()
+    answers = list[tuple[Array, Array, Array]]()
     for k in range(course.frames):
         check_time(deadline)
         stands = course.holds[k] == course.holds[0] if start_rad is not None else False
@@ -169,13 +168,13 @@ def plan_angles(
             plan.rotation_rad[k],
             plan.toes_at(k),
             normals=normals_at(plan, k),
-            forces_n=plan.forces_at(k),
-            seed=answers[-1].angles if answers else start_rad,
+            seed=answers[-1][0] if answers else start_rad,
             obstacles=solids,
             most_rad=np.where(stands, _JUMP_RAD if answers else 0.0, np.inf),
         )
         answers.append(answer)
-    return answers
+    angles, error_m, limit_rad = (np.array(each) for each in zip(*answers, strict=True))
+    return angles, error_m, limit_rad
 
 
 def normals_at(plan: Plan, frame: int) -> Array:
@@ -267,7 +266,7 @@ class JointPath:
     def _comfortable(self, moments: PathMoments, postures: WholeBody, t: int, limb: int) -> Array:
         """A comfortable posture of a limb at a moment, near to where it is drawn."""
         normals = moments.ups[t]
-        answer = self._kinematics.solve(
+        angles, _, _ = self._kinematics.solve(
             moments.com_m[t],
             moments.rotation_rad[t],
             moments.feet_m[t] - self.path.radii_m[:, None] * normals,
@@ -275,7 +274,7 @@ class JointPath:
             seed=postures.angles[t],
             obstacles=self.path.solids,
         )
-        return np.asarray(answer.angles[self._kinematics.joints_of(limb)])
+        return np.asarray(angles[self._kinematics.joints_of(limb)])
 
     def _drawn(self, moments: PathMoments) -> Array:
         """Posture that the joints are drawn to, shape (T, J)."""

@@ -62,12 +62,12 @@ class LeapBody:
         quick: bool = False,
     ) -> None:
         robot = plan.problem.robot
-        if not robot.source.own:
+        if not robot.own:
             raise InvalidInput(f"robot {robot.name}: expected legs of its own, its file has none")
         self.plan, self._quick = plan, quick
         edge, fold = GATHER if plan.gather is None else plan.gather
         self._edge, self._fold = float(edge), float(fold)
-        self._body = body or MovingBody(robot.source.own_model())
+        self._body = body or MovingBody(robot.own_model())
         self.kinematics = self._body.kinematics
         self._radii = self.kinematics.radii_m
         ends = plan.times_s
@@ -307,7 +307,7 @@ def feet_of_leap(plan: LeapPlan) -> Played:
     patches = patches_of(plan)
     facing = np.array([patch.normal for patch in patches])
     friction = np.array([patch.friction for patch in patches])
-    radii, holds = leap.robot.source.foot_radii_m, leap.holds[leap.interval_phases]
+    radii, holds = leap.robot.foot_radii_m, leap.holds[leap.interval_phases]
     surfaces, (left, lands), legs = _surfaces(holds), _flights(holds), np.arange(holds.shape[1])
     from_body = _from_body(plan, holds, surfaces)
 

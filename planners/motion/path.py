@@ -235,11 +235,11 @@ class PlanPath:
         patches = patches_of(plan)
         self.normals = np.array([patch.normal for patch in patches])
         self.friction = np.array([patch.friction for patch in patches])
-        self.radii_m = course.robot.source.foot_radii_m
+        self.radii_m = course.robot.foot_radii_m
         radii = self.radii_m[[self._names.index(each.limb) for each in course.footholds]]
         self.feet_m = plan.toes_m + radii[:, None] * self.normals
         self._holds = np.asarray(course.holds)
-        legs = course.robot.source.own_model().legs if course.robot.source.own else ()
+        legs = course.robot.own_model().legs if course.robot.own else ()
         self._legs = {leg.name: leg for leg in legs if leg.sole is not None}
         self.lift_m = (_SOLE_LIFT_M if self._legs else LIFT_M) * self.size
         insets = [0.0 if patch.certainty is None else patch.certainty.inset_m for patch in patches]

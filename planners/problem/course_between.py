@@ -93,7 +93,7 @@ def course_between(
     body = spec.make_robot(folder)
     terrain = terrain.for_robot(body)
     spec = spec.standing(body)
-    if not body.source.own:
+    if not body.own:
         usual = spec.stance
         lower = {key: body.size * getattr(usual, key) for key in ("outward_m", "down_m")}
         spec = spec.model_copy(update={"stance": usual.model_copy(update=lower)})
@@ -151,7 +151,7 @@ def course_between(
         "steps": {"com_m": 1.5 * stride * last, "toe_m": 2.0 * _STRIDE * reach * last},
     }
     rooms = {"first_radius_m": BodySpec().first_radius_m * body.size}
-    if not body.source.own:  # of others the height says it, too
+    if not body.own:  # of others the height says it, too
         rooms["com_radius_m"] = BodySpec().com_radius_m * body.size * alternative.free
     elif alternative.free != 1.0:
         rooms["com_radius_m"] = alternative.free * spec.body.com_radius_m

@@ -286,11 +286,11 @@ class CourseSpec(_Keys):
         Inner sets, which shrink with the tilt, get less tilt. Nothing changes for a robot without
         legs of its own.
         """
-        if not robot.source.own:
+        if not robot.own:
             return self
         from ..robot.reach_sets import standing_toes
 
-        model = robot.source.own_model()
+        model = robot.own_model()
         update: dict[str, Any] = {}
         if "margin_m" not in self.candidates.model_fields_set or self.candidates.everywhere:
             rolls = (
@@ -339,13 +339,13 @@ class CourseSpec(_Keys):
             robot = robot or self.robot.make()
         elif self.robot == "hexapod":
             robot = robot or hexapod()
-        if robot is not None and not robot.source.own:
+        if robot is not None and not robot.own:
             return robot if mass_kg is None else replace(robot, mass_kg=mass_kg)
         if robot is not None and mass_kg is None:
             return robot if sets == "inner" else robot.sets(sets)
         from ..robot.walker import contact_robot, with_mass
 
-        model = self._named(folder) if robot is None else robot.source.own_model()
+        model = self._named(folder) if robot is None else robot.own_model()
         return contact_robot(model if mass_kg is None else with_mass(model, mass_kg), sets=sets)
 
     def _named(self, folder: Path) -> RobotModel:

@@ -53,7 +53,7 @@ def build_course(
 
         robot = read_reach(reach, robot.limb_names).applied(robot)
     placed_by = robot  # a proof is over the candidates that a plan is offered, but for all that a limb may reach
-    if robot.source.own and sets == "outer" and not spec.candidates.everywhere:
+    if robot.own and sets == "outer" and not spec.candidates.everywhere:
         placed_by = spec.make_robot(folder)
     spec = alternative.of(spec.standing(placed_by, sets), placed_by)
     spec = _started(spec, placed_by, folder)

@@ -134,7 +134,7 @@ class Footprint:
             from ..robot.kinematics import Kinematics
 
             known = Kinematics(robot)
-            angles = known.solve(np.zeros(3), np.zeros(3), toes_m).angles
+            angles, _, _ = known.solve(np.zeros(3), np.zeros(3), toes_m)
             chains, trunk = known.chains(angles).reshape(-1, 3), np.zeros((0, 3))
             for shape, corners in link_shapes(known.model)[0]:
                 if known.model.mounts[shape.link].leg is None:

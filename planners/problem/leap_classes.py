@@ -93,11 +93,11 @@ class LeapClass(BaseModel):
                 joints.
         """
         stands = _robot(robot)
-        model = stands.source.own_model()
+        model = stands.own_model()
         if unlimited := no_motors(model):
             raise InvalidInput(f"robot {stands.name}: {unlimited}")
         feet = np.array([leg.chain.feet(leg.stance_rad[None])[0] for leg in model.legs])
-        feet -= model.body.com_m
+        feet -= model.com_m
         height = float(np.mean([leg.radius_m for leg in model.legs]) - feet[:, 2].mean())
         ahead, aside = np.abs(feet[:, :2]).mean(axis=0).tolist()
         limits = self.limits | {
@@ -371,8 +371,8 @@ def leap_to_json(leap: Leap) -> dict[str, Any]:
         "identity": leap.robot.identity,
         "limbs": to_json(leap.robot.limbs),
     }
-    if leap.robot.source.own:
-        robot |= leap.robot.source.to_json()
+    if leap.robot.own:
+        robot |= leap.robot.legs_to_json()
     footholds = tuple(
         _FootholdKeys(limb=one.limb, phase=one.frame, candidates=one.candidates, toe_m=one.toe_m)
         for one in leap.footholds

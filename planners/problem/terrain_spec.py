@@ -112,7 +112,7 @@ def _foot(robot: Robot | str | Path | None) -> tuple[float, float]:
         return 0.0, 1.0
     if isinstance(robot, Robot):
         soles = any(limb.sole_m is not None for limb in robot.limbs)
-        return _EDGE_M if soles else robot.source.known_radius_m, robot.size
+        return _EDGE_M if soles else robot.known_radius_m, robot.size
     model = named_robot(robot)
     radii = (leg.radius_m if leg.sole is None else _EDGE_M for leg in model.legs)
     return max(radii, default=0.0), model.size

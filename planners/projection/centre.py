@@ -446,7 +446,7 @@ def with_room_for_legs(course: Problem, plan: Plan, clearance_m: float) -> Probl
     if plan.joints_rad is None:
         return course
     points, owner = _legs(plan)
-    rooms_m = _THICK * course.robot.source.foot_radii_m + clearance_m
+    rooms_m = _THICK * course.robot.foot_radii_m + clearance_m
     cuts, footholds = dict[int, list[Array]](), list(course.footholds)
     for wall in walls_of(course):
         axes, low_m = wall.frame[:, 1:], wall.vertices_m[:, 2].min() - rooms_m.max()
@@ -591,9 +591,9 @@ class LegsAtWalls:
             origins_m=com_m - turns @ robot.origin_m,
             rotations=turns,
             toes_m=toes,
-            angles=solver.solve(np.zeros(3), np.zeros(3), toes).angles,
+            angles=solver.solve(np.zeros(3), np.zeros(3), toes)[0],
             corners=_corners(solver),
-            rooms_m=_THICK * robot.source.foot_radii_m + clearance_m,
+            rooms_m=_THICK * robot.foot_radii_m + clearance_m,
             clearance_m=clearance_m,
         )
 

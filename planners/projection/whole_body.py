@@ -89,7 +89,7 @@ class WholeBodyLimits:
         """Tell whether a plan for the robot has to have joints: its file has legs, or torques are
         asked for.
         """
-        return robot.source.own or self.torque_nm is not None
+        return robot.own or self.torque_nm is not None
 
     def of(self, solver: Kinematics) -> Array:
         """Torque limit of every joint, shape (J,) [Nm]; inf where nothing is known and nothing
@@ -154,26 +154,35 @@ does not do."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Measured:
-    """Measurements of one posture by the verifier.
+class _WholeBodyPlan:
+    """A plan with joint angles as the verifier measures it, and what it took.
 
     Arguments:
         share, torque_nm: of the torque that has the largest share of its limit.
         depth_m, too_near_m: how deep a link is in something at most, and what is missing to bodies
-            that are clear, by the verifier; nan and 0 where it cannot be looked at.
+            that are clear; nan and 0 where it cannot be looked at.
+        report: the verifier's; None where it was not asked.
+        steps: of the whole plan, and times that its contacts were found anew.
+        before: the plan as it came; None where this is it.
+        late: whether the time ended before all was tried.
     """
 
+    plan: Plan
     share: float
     torque_nm: float
-    depth_m: float
-    too_near_m: float
+    depth_m: float = math.nan
+    too_near_m: float = 0.0
+    report: Report[Plan] | None = None
+    steps: int = 0
+    before: _WholeBodyPlan | None = None
+    late: bool = False
 
     @property
     def excess(self) -> tuple[float, float]:
         """Excess of a share above 1, and of bodies that are too near."""
         return max(self.share - 1.0, 0.0), self.too_near_m
 
-    def better(self, other: Measured) -> bool:
+    def better(self, other: _WholeBodyPlan) -> bool:
         """Nothing is worse as far as it is too much, and something is better."""
         mine, theirs = self.excess, other.excess
         return (
@@ -182,37 +191,18 @@ class Measured:
             and (mine != theirs or self.share < other.share)
         )
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _WholeBodyPlan:
-    """A plan with joint angles, and what it took.
-
-    Arguments:
-        steps: of the whole plan, and times that its contacts were found anew.
-        before, after: of the plan as it came, and of this one.
-        late: whether the time ended before all was tried.
-        report: the verifier's on this plan; None where it was not asked.
-    """
-
-    plan: Plan
-    steps: int
-    before: Measured
-    after: Measured
-    late: bool = False
-    report: Report[Plan] | None = None
-
     @property
     def details(self) -> dict[str, float]:
         """Details by name."""
-        before, after = self.before, self.after
+        before = self.before or self
         return {
             "torque_steps": float(self.steps),
             "torque_nm_before": before.torque_nm,
-            "torque_nm": after.torque_nm,
+            "torque_nm": self.torque_nm,
             "torque_share_before": before.share,
-            "torque_share": after.share,
+            "torque_share": self.share,
             "depth_m_before": before.depth_m,
-            "depth_m": after.depth_m,
+            "depth_m": self.depth_m,
         }
 
 
@@ -247,22 +237,17 @@ def whole_body(
             where there was not even time for joint angles.
     """
     solver = kinematics or Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
-    angles = np.array(
-        [answer.angles for answer in plan_angles(plan, solver, start_rad, deadline=deadline)]
-    )
+    angles, _, _ = plan_angles(plan, solver, start_rad, deadline=deadline)
     plan = replace(plan, joints_rad=angles)
     if solver.soles:  # whose steps have no rows for what keeps a sole flat
         share, torque_nm = largest(plan, solver, limits.of(solver))
-        known = Measured(share=share, torque_nm=torque_nm, depth_m=np.nan, too_near_m=0.0)
-        return _WholeBodyPlan(plan=plan, steps=0, before=known, after=known)
-    if plan.problem.robot.source.own and push_share(plan):  # its plans have to bear one
+        return _WholeBodyPlan(plan=plan, share=share, torque_nm=torque_nm)
+    if plan.problem.robot.own and push_share(plan):  # its plans have to bear one
         return _bent(plan, limits, solver, deadline, braced=True)
     bent = _bent(plan, limits, solver, deadline)
     if bent.steps and push_share(bent.plan) < push_share(plan):
         other = _bent(plan, limits, solver, deadline, braced=True)
-        if other.after.excess <= bent.after.excess and push_share(other.plan) > push_share(
-            bent.plan
-        ):
+        if other.excess <= bent.excess and push_share(other.plan) > push_share(bent.plan):
             return replace(other, steps=bent.steps + other.steps)
     return bent
 
@@ -281,7 +266,7 @@ def _bent(
         braced: its stances go on bearing the pushes that they bear.
     """
     first = bent = _at_key_frames(plan, limits, solver, deadline, braced=braced)
-    if limits.torque_nm is None or not limits.steps or not first.after.share <= 1.0:
+    if limits.torque_nm is None or not limits.steps or not first.share <= 1.0:
         return bent
     share = most = _on_the_way(bent.plan, solver, limits.of(solver))
     aim = limits
@@ -291,17 +276,17 @@ def _bent(
         aim = replace(aim, torque_nm=_ROOM * aim.of(solver).max() / share)
         other = _at_key_frames(plan, aim, solver, deadline, braced=braced)
         share = _on_the_way(other.plan, solver, limits.of(solver))
-        measured = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
+        measured = replace(other, share=largest(other.plan, solver, limits.of(solver))[0])
         reserved = _friction(other.plan) <= _friction(
             bent.plan
         )  # of which torque is not to cost anything
         if (
             share < most
             and reserved
-            and measured.excess[1] <= bent.after.excess[1]
-            and measured.better(first.before)
+            and measured.excess[1] <= bent.excess[1]
+            and measured.better(first.before or first)
         ):
-            bent, most = replace(other, before=first.before, after=measured), share
+            bent, most = replace(measured, before=first.before or first), share
     if bent.plan.provenance["torque_nm"] == limits.torque_nm:
         return bent
     provenance = {**bent.plan.provenance, "torque_nm": limits.torque_nm}
@@ -325,10 +310,10 @@ def _at_key_frames(
     plan = replace(plan, provenance={**plan.provenance, **provenance})
     clearance = _clearance(plan, solver, deadline) if limits.steps else None
 
-    def judged(one: Plan) -> tuple[Measured, Report[Plan] | None]:
+    def judged(one: Plan) -> _WholeBodyPlan:
         share, torque_nm = largest(one, solver, limits.of(solver))
         if clearance is None:
-            return Measured(share=share, torque_nm=torque_nm, depth_m=np.nan, too_near_m=0.0), None
+            return _WholeBodyPlan(plan=one, share=share, torque_nm=torque_nm)
         report = check_plan(one, joints=True, deadline=deadline)
         if report.late:
             raise TimeEnded(LATE)
@@ -336,44 +321,46 @@ def _at_key_frames(
         depth_m, too_near_m = (
             max(float(of.get(name, 0.0)) for of in looks) for name in ("depth_m", "short_m")
         )
-        return Measured(
-            share=share, torque_nm=torque_nm, depth_m=depth_m, too_near_m=too_near_m
-        ), report
+        return _WholeBodyPlan(
+            plan=one,
+            share=share,
+            torque_nm=torque_nm,
+            depth_m=depth_m,
+            too_near_m=too_near_m,
+            report=report,
+        )
 
     began = time.perf_counter()
     try:
-        before, report = judged(plan)
+        best = before = judged(plan)
     except TimeEnded:
-        unknown = Measured(share=np.nan, torque_nm=np.nan, depth_m=np.nan, too_near_m=np.nan)
-        return _WholeBodyPlan(plan=plan, steps=0, before=unknown, after=unknown, late=True)
-    look_s = time.perf_counter() - began
-    best, after, steps_taken, late = plan, before, 0, False
+        nan = math.nan
+        return _WholeBodyPlan(plan=plan, share=nan, torque_nm=nan, too_near_m=nan, late=True)
+    look_s, late = time.perf_counter() - began, False
     for apart_m in _ATTEMPTS_M if before.excess[1] <= limits.deepest_m else ():
-        if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
+        if best.share <= (EASY if best is before else 1.0) and not best.excess[1]:
             break
         if time.perf_counter() + look_s > deadline:
             late = True
             break
-        if np.isinf(apart_m) and after.excess[1]:
+        if np.isinf(apart_m) and best.excess[1]:
             continue
         looks = None if np.isinf(apart_m) else clearance
-        stage = _Stage(best, solver, limits, looks, apart_m, deadline - look_s, braced=braced)
-        candidate, steps = stage.run(collides=after.excess[1] > 0.0)
+        stage = _Stage(best.plan, solver, limits, looks, apart_m, deadline - look_s, braced=braced)
+        candidate, steps = stage.run(collides=best.excess[1] > 0.0)
         late = late or stage.late
         if stage.slow:
             break
         if candidate is None or (clearance is None and not check_plan(candidate).accepted):
             continue
         try:
-            measured, said_of_it = judged(candidate)
+            measured = judged(candidate)
         except TimeEnded:
             late = True
             break
-        if measured.better(after) and (said_of_it is None or said_of_it.contacts):
-            best, after, steps_taken, report = candidate, measured, steps_taken + steps, said_of_it
-    return _WholeBodyPlan(
-        plan=best, steps=steps_taken, before=before, after=after, late=late, report=report
-    )
+        if measured.better(best) and (measured.report is None or measured.report.contacts):
+            best = replace(measured, steps=best.steps + steps, before=before)
+    return replace(best, late=late)
 
 
 def _clearance(plan: Plan, solver: Kinematics, deadline: float) -> PathClearance | None:

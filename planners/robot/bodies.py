@@ -8,7 +8,7 @@ axis of either keeps apart are clear (the separating-axis theorem); coal measure
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations, product
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -86,9 +86,11 @@ class Bodies:
         self._carriers = np.array([kinematics.carrier(mount) for mount in mounts], dtype=int)
         self._turns, self._origins = _on_carriers(mounts, [shape for shape, _ in shapes])
         self._geometry = [self._made(shape, points) for shape, points in shapes]
-        self._parts = [
-            _Parts.of([(self._hull(part), part) for part in shape.parts_m]) for shape, _ in shapes
-        ]
+        self._parts = {
+            k: _parts_of([(self._hull(part), part) for part in shape.parts_m])
+            for k, (shape, _) in enumerate(shapes)
+            if shape.parts_m
+        }
         points = [each for _, each in shapes]
         boxes = np.array([_box(geometry) for geometry in self._geometry]).reshape(-1, 2, 3)
         self._middles, self._halves = boxes[:, 0], boxes[:, 1]
@@ -567,32 +569,30 @@ class Bodies:
 
         whole = self._solids[other] if terrain else self._geometry[other]
         apart_m = between(self._geometry[shape], whole)
-        parts, others = self._parts[shape], _NO_PARTS if terrain else self._parts[other]
-        if apart_m >= _PARTS_M or not (parts.geometry or others.geometry):
+        divided = shape in self._parts, not terrain and other in self._parts
+        if apart_m >= _PARTS_M or not any(divided):
             return apart_m
-        parts = (
-            parts.placed(turns[shape], origins[shape])
-            if parts.geometry
-            else _Parts.whole(self._geometry[shape])
-        )
-        others = (
-            others.placed(turns[other], origins[other]) if others.geometry else _Parts.whole(whole)
-        )
-        far_m = (
-            np.linalg.norm(parts.middles[:, None] - others.middles, axis=2)
-            - parts.radii[:, None]
-            - others.radii
-        )
+
+        def in_parts(of: int, whole: Any, divided: bool) -> tuple[tuple[Any, ...], Array, Array]:
+            if not divided:  # one that has none may be anywhere
+                return (whole,), np.zeros((1, 3)), np.array([np.inf])
+            geometry, middles, radii = self._parts[of]
+            return geometry, middles @ turns[of].T + origins[of], radii
+
+        parts, middles, radii = in_parts(shape, self._geometry[shape], divided[0])
+        others, their_middles, their_radii = in_parts(other, whole, divided[1])
+        apart = np.linalg.norm(middles[:, None] - their_middles, axis=2)
+        far_m = apart - radii[:, None] - their_radii
         least, best, last = np.inf, (0, 0), (0, 0)
         for at in np.argsort(far_m, axis=None).tolist():
-            i, j = divmod(at, len(others.radii))
+            i, j = divmod(at, len(others))
             if far_m[i, j] >= least:
                 break
-            last, apart_m = (i, j), between(parts.geometry[i], others.geometry[j])
+            last, apart_m = (i, j), between(parts[i], others[j])
             if apart_m < least:
                 least, best = apart_m, last
         if last != best:  # the nearest points are those of the last that was measured
-            between(parts.geometry[best[0]], others.geometry[best[1]])
+            between(parts[best[0]], others[best[1]])
         return least
 
     def _made(self, shape: Shape, points: Array) -> Any:
@@ -614,37 +614,14 @@ class Bodies:
         return self._coal.Convex.convexHull(corners, True, "Qt")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Parts:
-    """Convex parts of a shape, and balls about them: middles, shape (P, 3), radii, (P,) [m]."""
-
-    geometry: tuple[Any, ...]
-    middles: Array
-    radii: Array
-
-    @classmethod
-    def of(cls, parts: Sequence[tuple[Any, Array]]) -> _Parts:
-        """Parts with the geometry and corners of each."""
-        middles = np.array([corners.mean(axis=0) for _, corners in parts]).reshape(-1, 3)
-        radii = [
-            np.linalg.norm(each - middle, axis=1).max()
-            for (_, each), middle in zip(parts, middles, strict=True)
-        ]
-        return cls(
-            geometry=tuple(each for each, _ in parts), middles=middles, radii=np.array(radii)
-        )
-
-    @classmethod
-    def whole(cls, geometry: Any) -> _Parts:
-        """A shape that has none, which may be anywhere."""
-        return cls(geometry=(geometry,), middles=np.zeros((1, 3)), radii=np.array([np.inf]))
-
-    def placed(self, turn: Array, origin: Array) -> _Parts:
-        """Parts with the shape at a place."""
-        return replace(self, middles=self.middles @ turn.T + origin)
-
-
-_NO_PARTS = _Parts.of(())
+def _parts_of(parts: Sequence[tuple[Any, Array]]) -> tuple[tuple[Any, ...], Array, Array]:
+    """Geometry of convex parts, and balls about them: middles, shape (P, 3), radii, (P,) [m]."""
+    middles = np.array([corners.mean(axis=0) for _, corners in parts])
+    radii = [
+        np.linalg.norm(corners - middle, axis=1).max()
+        for (_, corners), middle in zip(parts, middles, strict=True)
+    ]
+    return tuple(geometry for geometry, _ in parts), middles, np.array(radii)
 
 
 def _faces(solids: Sequence[Solid]) -> list[tuple[NDArray[np.int_], Array, Array]]:

@@ -165,20 +165,10 @@ _SAME_M = 1e-6
 """A shape is the one that touches if its centre and its radius are within this of the leg's."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _PlacedShape:
-    """A shape of a leg's last body, number ``index`` of the robot's, and its rotation and origin in
-    the last joint's frame, shapes (3, 3), (3,) [m].
-
-    Arguments:
-        balls: centre, shape (3,), and radius [m] of every ball that it is, or ends in.
-    """
-
-    index: int
-    shape: Shape
-    rotation: Array
-    origin_m: Array
-    balls: tuple[tuple[Array, float], ...]
+_Placed = tuple[int, Shape, tuple[Array, Array], tuple[tuple[Array, float], ...]]
+"""A shape of a leg's last body: its number among the robot's, itself, its rotation and origin in the
+last joint's frame, shapes (3, 3), (3,) [m], and centre, shape (3,), and radius [m] of every ball that
+it is, or ends in."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -204,7 +194,7 @@ Fits = dict[bytes, tuple[Array, float] | None]
 
 def placed_shapes(
     shapes: Sequence[Shape], places: Mapping[str, tuple[Array, Array]], fits: Fits
-) -> list[_PlacedShape]:
+) -> list[_Placed]:
     """The shapes of the links of one body.
 
     Arguments:
@@ -212,47 +202,35 @@ def placed_shapes(
     """
     bodies = {id(shape) for shape in solid_shapes(shapes)}
     return [
-        _PlacedShape(
-            index=i,
-            shape=shape,
-            rotation=turn @ shape.rotation,
-            origin_m=place + turn @ shape.origin_m,
-            balls=_balls(shape, turn @ shape.rotation, place + turn @ shape.origin_m, fits),
-        )
+        (i, shape, pose, _balls(shape, *pose, fits))
         for i, shape in enumerate(shapes)
         if shape.link in places and id(shape) in bodies
         for turn, place in [places[shape.link]]
+        for pose in [(turn @ shape.rotation, place + turn @ shape.origin_m)]
     ]
 
 
-def touch_of(pieces: Sequence[_PlacedShape]) -> Touch | None:
+def touch_of(pieces: Sequence[_Placed]) -> Touch | None:
     """Shape with which a leg touches whose last body has these shapes; None for a body without
     shapes.
     """
     balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
-    unread = [
-        piece.shape
-        for piece in pieces
-        if piece.shape.kind == "mesh" and piece.shape.corners_m is None
-    ]
-    for piece in pieces:
-        for centre, radius_m in piece.balls:
-            touch = Touch(
-                link=piece.shape.link, centre_m=centre, radius_m=radius_m, index=piece.index
-            )
+    unread = [shape for _, shape, *_ in pieces if shape.kind == "mesh" and shape.corners_m is None]
+    for index, shape, pose, ends in pieces:
+        for centre, radius_m in ends:
+            touch = Touch(link=shape.link, centre_m=centre, radius_m=radius_m, index=index)
             balls.append((float(np.linalg.norm(centre)) + radius_m, touch))
-        if not piece.balls and (points := shape_points(piece.shape)) is not None:
-            ends = piece.origin_m + points @ piece.rotation.T
-            far = np.linalg.norm(ends, axis=1)
-            text = f"touches with a {piece.shape.kind}: say with which point or ball, in a YAML file's contacts:"
+        if not ends and (points := shape_points(shape)) is not None:
+            far = np.linalg.norm(pose[1] + points @ pose[0].T, axis=1)
+            text = f"touches with a {shape.kind}: say with which point or ball, in a YAML file's contacts:"
             others.append(
                 (
                     float(far.max()),
                     Touch(
-                        link=piece.shape.link,
-                        centre_m=_farthest(piece),
+                        link=shape.link,
+                        centre_m=_farthest(shape, *pose),
                         radius_m=0.0,
-                        index=piece.index,
+                        index=index,
                         doubt=text,
                     ),
                 )
@@ -279,7 +257,7 @@ _LARGER = 1.02
 _MOST_CORNERS = 8
 
 
-def sole_of(pieces: Sequence[_PlacedShape], base: Array) -> tuple[FootSole, Array, str] | None:
+def sole_of(pieces: Sequence[_Placed], base: Array) -> tuple[FootSole, Array, str] | None:
     """The flat face with which a leg's last body stands, its middle in the last joint's frame,
     shape (3,) [m], and the link that has it; None for a body without one.
 
@@ -290,12 +268,12 @@ def sole_of(pieces: Sequence[_PlacedShape], base: Array) -> tuple[FootSole, Arra
     from scipy.spatial import ConvexHull  # slow to import
 
     clouds, owners = [np.zeros((0, 3))], list[str]()
-    for piece in pieces:
-        ends = [centre - radius_m * base[:, 2] for centre, radius_m in piece.balls]
-        if not ends and (corners := shape_points(piece.shape)) is not None:
-            ends = list(piece.origin_m + corners @ piece.rotation.T)
+    for _, shape, (rotation, origin_m), balls in pieces:
+        ends = [centre - radius_m * base[:, 2] for centre, radius_m in balls]
+        if not ends and (corners := shape_points(shape)) is not None:
+            ends = list(origin_m + corners @ rotation.T)
         clouds.append(np.array(ends).reshape(-1, 3))
-        owners += [piece.shape.link] * len(ends)
+        owners += [shape.link] * len(ends)
     points, best, most = np.vstack(clouds), None, 0.0
     if len(points) < 3:
         return None
@@ -342,7 +320,7 @@ _WHEEL = 0.1
 axis may leave the ground."""
 
 
-def is_wheel(pieces: Sequence[_PlacedShape], axis: Array, up: Array) -> bool:
+def is_wheel(pieces: Sequence[_Placed], axis: Array, up: Array) -> bool:
     """Tell whether shapes that turn freely about an axis through the origin are a wheel: round
     about it, and the axis level.
 
@@ -352,9 +330,9 @@ def is_wheel(pieces: Sequence[_PlacedShape], axis: Array, up: Array) -> bool:
     if abs(float(axis @ up)) > _WHEEL:
         return False
     ends = [np.zeros((0, 3))]
-    for piece in pieces:
-        if (corners := shape_points(piece.shape)) is not None:
-            ends.append(piece.origin_m + corners @ piece.rotation.T)
+    for _, shape, (rotation, origin_m), _ in pieces:
+        if (corners := shape_points(shape)) is not None:
+            ends.append(origin_m + corners @ rotation.T)
     points = np.vstack(ends)
     turn = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)[:, None]
     rims = np.cos(turn) * up + np.sin(turn) * np.cross(axis, up)
@@ -362,12 +340,12 @@ def is_wheel(pieces: Sequence[_PlacedShape], axis: Array, up: Array) -> bool:
     return bool(radii.max() > 0.0 and np.ptp(radii) <= _WHEEL * radii.max())
 
 
-def _farthest(piece: _PlacedShape) -> Array:
+def _farthest(shape: Shape, rotation: Array, origin_m: Array) -> Array:
     """The end of a shape that is farthest from the link's origin, about, in the last joint's frame,
     shape (3,) [m].
     """
-    turn = piece.rotation @ piece.shape.rotation.T
-    return np.asarray(piece.origin_m + turn @ (piece.shape.far_m - piece.shape.origin_m))
+    turn = rotation @ shape.rotation.T
+    return np.asarray(origin_m + turn @ (shape.far_m - shape.origin_m))
 
 
 def _balls(

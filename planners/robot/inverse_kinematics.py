@@ -403,9 +403,9 @@ class ToeKinematics:
         centres = np.asarray(toes_m) + radii * np.asarray(normals)
         arms = centres - np.asarray(com_m)[:, None]
         turned = np.einsum("kji,knj->kni", np.asarray(rotation), arms)
-        return np.asarray(turned + self.model.body.com_m)
+        return np.asarray(turned + self.model.com_m)
 
 
 def base_of(model: RobotModel, com_m: Array, rotation: Array) -> Array:
     """p_WB of the base whose centre of mass is at p_WC, shape (3,) [m]."""
-    return np.asarray(com_m - rotation @ model.body.com_m)
+    return np.asarray(com_m - rotation @ model.com_m)

@@ -10,7 +10,6 @@ Torques are those of a robot that stands still.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,32 +26,7 @@ from .robot_file import Servo
 from .robot_model import resisting_nm
 from .urdf_reader import at_rest, pinocchio
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointAnswer:
-    """Joint angles for one posture; J joints, N limbs.
-
-    Arguments:
-        angles: shape (J,) [rad], within the limits.
-        error_m: distance of every foot from its target, shape (N,) [m].
-        limit_rad: how far beyond its limits the worst joint of a limb would have to go to get
-            there, shape (N,) [rad].
-        torques_nm: joint torques that hold the robot still under the given forces, shape (J,) [Nm];
-            zeros without forces.
-    """
-
-    angles: Array
-    error_m: Array
-    limit_rad: Array
-    torques_nm: Array
-
-    @property
-    def within_limits(self) -> bool:
-        """Every foot is where it should be, with no joint beyond its limits."""
-        return bool(np.all(self.error_m <= REACHED_M))
-
-
-__all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
+__all__ = ["REACHED_M", "Kinematics", "pinocchio", "rotation_of"]
 
 DAMPING, _STEPS, _LONGEST_STEP_RAD = 1e-4, 60, 0.3
 _DRAWN_AT = 0.2
@@ -82,10 +56,10 @@ class Kinematics:
     ) -> None:
         self.near_rad = None if near_rad is None else np.array(near_rad, dtype=float)
         self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
-        self.model = robot.source.legs(self.servo)
+        self.model = robot.legs_with(self.servo)
         self._pin = pin = pinocchio()
         legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
-        self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
+        self.joints, self.radii_m = self.model.joint_names, robot.foot_radii_m
         self.soles = any(leg.sole is not None for leg in legs)
         self.rotor_kg_m2 = self.model.rotors_kg_m2
         self.lower_rad, self.upper_rad = (
@@ -206,12 +180,13 @@ class Kinematics:
         toes_m: ArrayLike,
         *,
         normals: ArrayLike | None = None,
-        forces_n: ArrayLike | None = None,
         seed: ArrayLike | None = None,
         obstacles: Sequence[Solid] = (),
         most_rad: ArrayLike = np.inf,
-    ) -> JointAnswer:
-        """Angles for a body pose and toes in the world.
+    ) -> tuple[Array, Array, Array]:
+        """Angles within the joints' limits for a body pose and toes in the world, shape (J,) [rad],
+        the distance of every foot from its target, shape (N,) [m], and how far beyond its limits
+        the worst joint of a limb would have to go to get there, shape (N,) [rad].
 
         Arguments:
             com_m: the body's origin, shape (3,) [m].
@@ -219,7 +194,6 @@ class Kinematics:
             toes_m: contact points of the limbs, shape (N, 3) [m].
             normals: normals of the surfaces, shape (N, 3): the foot's centre is a radius away along
                 them, and a sole flat on them; without them it is at the toe, and a sole level.
-            forces_n: forces on the robot, world frame, shape (N, 3) [N].
             seed: angles to stay close to, shape (J,).
             obstacles: solids that the links of drawn-up legs should keep away from.
             most_rad: a limb whose comfortable posture is farther from the seed leaves the seed as
@@ -249,16 +223,14 @@ class Kinematics:
             far = self.by_leg(np.abs(wished - near)).max(axis=1) > most_rad
             wished = np.where(self.of_joints(far), near, wished)
         angles, error = self.reach(feet, wished, wished, up)
-        excess, torques = np.zeros(count), np.zeros(len(self.joints))
+        excess = np.zeros(count)
         if np.any(error > REACHED_M) and not self.soles:
             beyond, missed = self.reach(feet, wished, wished, limits=False)
             over = self.by_leg(np.maximum(beyond - self.highest_rad, self.lowest_rad - beyond)).max(
                 axis=1
             )
             excess = np.where(missed <= REACHED_M, np.maximum(over, 0.0), 0.0)
-        if forces_n is not None:
-            torques = self.torques(angles, turn, read_only(forces_n, (count, 3), "forces_n"))
-        return JointAnswer(angles=angles, error_m=error, limit_rad=excess, torques_nm=torques)
+        return angles, error, excess
 
     def targets(self, com_m: Array, rotation: Array, toes_m: Array, normals: Array) -> Array:
         """Centres of the feet in the base's frame for toes in the world, shape (N, 3) [m].

@@ -313,122 +313,6 @@ def no_legs(name: str) -> InvalidInput:
     return InvalidInput(f"robot {name}: {_NO_LEGS}")
 
 
-@dataclass(frozen=True, eq=False)
-class LegSource:
-    """Knowledge about the legs of one robot: those of its own file, those of four joints that are
-    drawn up for its limbs, or none beside a mass and the reach of limbs.
-    """
-
-    robot: Robot
-
-    @property
-    def own(self) -> bool:
-        """Tell whether legs and reach are those of a file, so that plans keep to inner sets of the
-        legs and have joints, and proofs are over outer sets.
-        """
-        return self.robot.model is not None
-
-    def legs(self, servo: Servo | None = None) -> RobotModel:
-        """The robot joint by joint; loads pinocchio.
-
-        Arguments:
-            servo: drive of drawn-up legs, in place of the robot's own.
-
-        Raises:
-            InvalidInput: where no legs are known.
-        """
-        robot = self.robot
-        if robot.model is not None:
-            return robot.model
-        if robot.drawn is None:
-            raise no_legs(robot.name)
-        from .drawn_legs import drawn_model  # slow to import
-
-        return drawn_model(robot.name, robot.mass_kg, robot.limbs, servo or robot.drawn)
-
-    def own_model(self) -> RobotModel:
-        """The model of the robot's own file.
-
-        Raises InvalidInput for a robot without one.
-        """
-        if self.robot.model is None:
-            raise InvalidInput(
-                f"robot: expected one whose legs are known, got {self.robot.name}, of which only "
-                "the limbs are known"
-            )
-        return self.robot.model
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Names of all joints, limb by limb, from the base outward, yaw, hip, roll and knee of
-        those drawn up (``LF_yaw``); none where no legs are known.
-        """
-        if self.robot.model is not None:
-            return self.robot.model.joint_names
-        limbs = () if self.robot.drawn is None else self.robot.limb_names
-        return tuple(f"{limb}_{joint}" for limb in limbs for joint in JOINTS)
-
-    @property
-    def foot_radii_m(self) -> Array:
-        """Radii of the feet, shape (N,) [m]: as the file has them, or by the reach of limbs."""
-        robot = self.robot
-        if robot.model is not None:
-            return np.array([leg.radius_m for leg in robot.model.legs])
-        if robot.drawn is not None:
-            return np.array([limb.reach_m / USUAL_REACH_M * FOOT_RADIUS_M for limb in robot.limbs])
-        return np.full(len(robot.limbs), 0.0 if robot.feet else FOOT_RADIUS_M)
-
-    @property
-    def known_radius_m(self) -> float:
-        """Largest radius of a foot that the robot's file has, 0 where none says one [m]."""
-        return float(self.foot_radii_m.max()) if self.own else 0.0
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of a file's legs; empty without a file."""
-        return "" if self.robot.model is None else self.robot.model.digest
-
-    @property
-    def unrunnable(self) -> tuple[str, ...]:
-        """Reasons why a simulation refuses the legs as their file is, a line each."""
-        return () if self.robot.model is None else self.robot.model.unrunnable
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Numbers of the robot's file that are hard to believe, one line each."""
-        return () if self.robot.model is None else self.robot.model.doubts
-
-    @property
-    def hindrance(self) -> str:
-        """The reason why nothing executes plans of such legs; empty where something does: what the
-        joints of a file cannot do, ``unrunnable`` names.
-        """
-        robot = self.robot
-        if robot.drawn is None:
-            return "" if self.own else str(no_legs(robot.name))
-        from .drawn_legs import drawn_urdf  # asked for by few
-
-        try:
-            drawn_urdf(robot.name, robot.mass_kg, robot.limbs, robot.drawn)
-        except InvalidInput as error:
-            return str(error)
-        return ""
-
-    def to_json(self) -> dict[str, Any]:
-        """The keys of a robot in files that say its legs, or whose reach it has; a servo where the
-        limbs do not say it, as those of the default hexapod do.
-        """
-        robot = self.robot
-        if robot.model is not None:
-            from .robot_file import model_to_json  # reads URDFs, which is slow to import
-
-            return {"model": model_to_json(robot.model)}
-        if robot.drawn is None:
-            return {"identity": robot.identity} if robot.identity and not robot.feet else {}
-        legs = {} if robot.usual else {"legs": to_json(robot.drawn)}
-        return {**({"identity": robot.identity} if robot.identity else {}), **legs}
-
-
 _HEXAPOD = "hexapod"
 _USUAL_SERVO = Servo()
 """The drives of legs that are drawn up where nothing else is said."""
@@ -615,9 +499,9 @@ class Robot:
                 f"robot {self.name}: drawn: expected no drawn legs beside those of its model, got "
                 "both"
             )
-        if not self.feet and abs(self.mass_kg - model.body.mass_kg) > _SAME * self.mass_kg:
+        if not self.feet and abs(self.mass_kg - model.mass_kg) > _SAME * self.mass_kg:
             raise InvalidInput(
-                f"robot {self.name}: expected the mass of its model, {model.body.mass_kg:.9g} kg, "
+                f"robot {self.name}: expected the mass of its model, {model.mass_kg:.9g} kg, "
                 "got "
                 f"{self.mass_kg:.9g}"
             )
@@ -643,21 +527,18 @@ class Robot:
         """JSON-ready values of its limbs, or its feet, and of what makes its legs."""
         if self.feet:
             walks = ("name", "mass_kg", "inertia_kgm2", "feet", "stand_height_m", "trunk_half_m")
-            return {name: to_json(getattr(self, name)) for name in walks} | self.source.to_json()
+            return {name: to_json(getattr(self, name)) for name in walks} | self.legs_to_json()
         reach = {"relative_reach": to_json(self.relative_reach)} if self.relative_reach else {}
         record = {"name": self.name, "mass_kg": self.mass_kg, "limbs": to_json(self.limbs)}
         absent = {"absent": list(self.absent)} if self.absent else {}
-        return record | reach | self.source.to_json() | absent
+        return record | reach | self.legs_to_json() | absent
 
     @property
-    def source(self) -> LegSource:
-        """What is known of its legs."""
-        return LegSource(self)
-
-    @property
-    def usual(self) -> bool:
-        """Tell whether it is the hexapod with its usual drives."""
-        return self.drawn == _USUAL_SERVO and self._is_hexapod()
+    def own(self) -> bool:
+        """Tell whether legs and reach are those of a file, so that plans keep to inner sets of the
+        legs and have joints, and proofs are over outer sets.
+        """
+        return self.model is not None
 
     @property
     def legs(self) -> RobotModel:
@@ -665,7 +546,105 @@ class Robot:
 
         Loads pinocchio. Raises InvalidInput where neither is known, and without pinocchio.
         """
-        return self.source.legs()
+        return self.legs_with(self.drawn)
+
+    def legs_with(self, servo: Servo | None) -> RobotModel:
+        """The robot joint by joint, with a drive of drawn-up legs in place of its own; None for its
+        own.
+
+        Raises InvalidInput as ``legs`` does.
+        """
+        if self.model is not None:
+            return self.model
+        if self.drawn is None:
+            raise no_legs(self.name)
+        from .drawn_legs import drawn_model  # slow to import
+
+        return drawn_model(self.name, self.mass_kg, self.limbs, servo or self.drawn)
+
+    def own_model(self) -> RobotModel:
+        """The model of the robot's own file.
+
+        Raises InvalidInput for a robot without one.
+        """
+        if self.model is None:
+            raise InvalidInput(
+                f"robot: expected one whose legs are known, got {self.name}, of which only "
+                "the limbs are known"
+            )
+        return self.model
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of all joints, limb by limb, from the base outward, yaw, hip, roll and knee of
+        those drawn up (``LF_yaw``); none where no legs are known.
+        """
+        if self.model is not None:
+            return self.model.joint_names
+        limbs = () if self.drawn is None else self.limb_names
+        return tuple(f"{limb}_{joint}" for limb in limbs for joint in JOINTS)
+
+    @property
+    def foot_radii_m(self) -> Array:
+        """Radii of the feet, shape (N,) [m]: as the file has them, or by the reach of limbs."""
+        if self.model is not None:
+            return np.array([leg.radius_m for leg in self.model.legs])
+        if self.drawn is not None:
+            return np.array([limb.reach_m / USUAL_REACH_M * FOOT_RADIUS_M for limb in self.limbs])
+        return np.full(len(self.limbs), 0.0 if self.feet else FOOT_RADIUS_M)
+
+    @property
+    def known_radius_m(self) -> float:
+        """Largest radius of a foot that the robot's file has, 0 where none says one [m]."""
+        return float(self.foot_radii_m.max()) if self.own else 0.0
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of a file's legs; empty without a file."""
+        return "" if self.model is None else self.model.digest
+
+    @property
+    def unrunnable(self) -> tuple[str, ...]:
+        """Reasons why a simulation refuses the legs as their file is, a line each."""
+        return () if self.model is None else self.model.unrunnable
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Numbers of the robot's file that are hard to believe, one line each."""
+        return () if self.model is None else self.model.doubts
+
+    @property
+    def hindrance(self) -> str:
+        """The reason why nothing executes plans of such legs; empty where something does: what the
+        joints of a file cannot do, ``unrunnable`` names.
+        """
+        if self.drawn is None:
+            return "" if self.own else str(no_legs(self.name))
+        from .drawn_legs import drawn_urdf  # asked for by few
+
+        try:
+            drawn_urdf(self.name, self.mass_kg, self.limbs, self.drawn)
+        except InvalidInput as error:
+            return str(error)
+        return ""
+
+    def legs_to_json(self) -> dict[str, Any]:
+        """The keys of a robot in files that say its legs, or whose reach it has; a servo where the
+        limbs do not say it, as those of the default hexapod do.
+        """
+        if self.model is not None:
+            from .robot_file import model_to_json  # reads URDFs, which is slow to import
+
+            return {"model": model_to_json(self.model)}
+        if self.drawn is None:
+            return {"identity": self.identity} if self.identity and not self.feet else {}
+        legs = {} if self.usual else {"legs": to_json(self.drawn)}
+        return {**({"identity": self.identity} if self.identity else {}), **legs}
+
+    @property
+    def usual(self) -> bool:
+        """Tell whether it is the hexapod with its usual drives."""
+        return self.drawn == _USUAL_SERVO and self._is_hexapod()
 
     def turned(self, frame: Frame) -> Robot:
         """The robot on its limbs as it faces in a world that is turned with it."""
@@ -696,7 +675,7 @@ class Robot:
         """
         from .reach_sets import limbs_over  # measures legs, which is slow to import
 
-        limbs = limbs_over(self.source.own_model(), which)
+        limbs = limbs_over(self.own_model(), which)
         rows = self.relative_reach if which == "inner" else ()
         return replace(self, feet=(), limbs=limbs, relative_reach=rows)
 
@@ -705,8 +684,8 @@ class Robot:
         """Size of the robot, 1 for the default hexapod and for a dog with legs of 0.48 m: lengths
         that are not given scale with it.
         """
-        if self.source.own:
-            return self.source.own_model().size
+        if self.own:
+            return self.own_model().size
         return max((limb.reach_m for limb in self.limbs), default=USUAL_REACH_M) / USUAL_REACH_M
 
     @property
@@ -726,7 +705,7 @@ class Robot:
         """
         if self.inertia_kgm2 is not None:
             return self.inertia_kgm2
-        return None if self.model is None else self.model.body.inertia_kgm2
+        return None if self.model is None else self.model.inertia_kgm2
 
     @property
     def origin_m(self) -> Array:
@@ -736,7 +715,7 @@ class Robot:
         For a robot with a model, the centre of mass of its standing posture, Lin et al.'s body
         origin; else 0.
         """
-        return np.zeros(3) if self.model is None else self.model.body.com_m
+        return np.zeros(3) if self.model is None else self.model.com_m
 
     @property
     def limb_names(self) -> tuple[str, ...]:
@@ -829,8 +808,8 @@ def _check_feet(robot: Robot) -> None:
     names = [foot.name for foot in robot.feet]
     if len(names) < 3 or len(set(names)) != len(names):
         raise InvalidInput(f"{where}: expected three or more feet of different names, got {names}")
-    if robot.source.own:
-        _check_model(robot, inertia, robot.source.own_model(), where)
+    if robot.own:
+        _check_model(robot, inertia, robot.own_model(), where)
     _check_numbers(robot, inertia, where)
 
 
@@ -839,7 +818,7 @@ def _check_model(robot: Robot, inertia: Array, model: RobotModel, where: str) ->
 
     It may stand lower, crouched, and not higher.
     """
-    mass_kg, expected = model.body.mass_kg, model.body.inertia_kgm2
+    mass_kg, expected = model.mass_kg, model.inertia_kgm2
     if abs(robot.mass_kg - mass_kg) > _SAME_AS_MODEL * mass_kg:
         raise InvalidInput(
             f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {robot.mass_kg:.8g}"
@@ -893,12 +872,12 @@ def robot_of(model: RobotModel) -> Robot:
     limbs = tuple(
         Limb(
             name=leg.name,
-            shoulder_m=leg.hip_m - model.body.com_m,
+            shoulder_m=leg.hip_m - model.com_m,
             reach_m=leg.chain.length_m + leg.radius_m,
         )
         for leg in model.legs
     )
-    return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
+    return Robot(name=model.name, mass_kg=model.mass_kg, limbs=limbs, model=model)
 
 
 def walking_robot(robot: Robot) -> Robot:
@@ -909,8 +888,8 @@ def walking_robot(robot: Robot) -> Robot:
     The robot of a walk is a body with boxes of reach, which may have the model of its legs; of the
     robots that come with the package the hexapod has joints, too.
     """
-    if robot.source.own:
-        return robot_of(robot.source.own_model())
+    if robot.own:
+        return robot_of(robot.own_model())
     known = hexapod()
     shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
     same = robot.limb_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)

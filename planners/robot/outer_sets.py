@@ -486,8 +486,8 @@ class Extent:
 
         Raises InvalidInput for a robot from a file with joints of unknown range.
         """
-        if robot.source.own:
-            model = robot.source.own_model()
+        if robot.own:
+            model = robot.own_model()
             model.check_known()
             sets, radii = outer_sets(model), contact_radii_m(model)
             stated = [leg.contact is not None or leg.sole is not None for leg in model.legs]
@@ -505,7 +505,7 @@ class Extent:
         reach = np.array([limb.reach_m for limb in robot.limbs]) + soles
         between = np.linalg.norm(shoulders[:, None] - shoulders, axis=2) + reach[:, None] + reach
         try:
-            boxes, origin = _boxes(robot.source.legs()), np.asarray(robot.origin_m)
+            boxes, origin = _boxes(robot.legs), np.asarray(robot.origin_m)
         except InvalidInput:  # its legs are not known, nor is its trunk
             boxes, origin = [], np.zeros(3)
         return cls(

@@ -379,7 +379,7 @@ class ReachSets:
 
         Raises InvalidInput for one with a model.
         """
-        if robot.source.own:
+        if robot.own:
             raise InvalidInput(
                 f"reach: expected a robot without a model of its legs, got {robot.name}, which has "
                 "one"
@@ -555,7 +555,7 @@ def limbs_over(
         return _outer_limbs(robot)
     measured = workspaces_of(robot) if workspaces is None else workspaces
     return tuple(
-        _limb(leg, each, robot.body.com_m) for leg, each in zip(robot.legs, measured, strict=True)
+        _limb(leg, each, robot.com_m) for leg, each in zip(robot.legs, measured, strict=True)
     )
 
 
@@ -564,7 +564,7 @@ def contains_all(robot: Robot) -> bool:
 
     Raises InvalidInput for a robot without such legs.
     """
-    model = robot.source.own_model()
+    model = robot.own_model()
     return outer_sets(model).within(robot.limbs, contact_radii_m(model))
 
 
@@ -573,7 +573,7 @@ def standing_toes(robot: RobotModel) -> Array:
     [m].
     """
     down = np.array([0.0, 0.0, 1.0])
-    return np.array([leg.nominal_m - leg.radius_m * down - robot.body.com_m for leg in robot.legs])
+    return np.array([leg.nominal_m - leg.radius_m * down - robot.com_m for leg in robot.legs])
 
 
 def _outer_limbs(robot: RobotModel) -> tuple[Limb, ...]:
@@ -588,7 +588,7 @@ def _outer_limbs(robot: RobotModel) -> tuple[Limb, ...]:
                 shoulder_m=ball[:3],
                 reach_m=float(ball[3] + radius),
                 reach_rows=ReachRows(normals=sets.normals, bounds_m=bounds + radius),
-                hip_m=leg.hip_m - robot.body.com_m,
+                hip_m=leg.hip_m - robot.com_m,
             )
         )
     return tuple(limbs)

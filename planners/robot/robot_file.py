@@ -137,7 +137,7 @@ def joint_names(robot: Robot) -> tuple[str, ...]:
     """Names of all joints, limb by limb in the robot's order, from the base outward, e.g.
     ``LF_yaw``; none where no legs are known.
     """
-    return robot.source.joint_names
+    return robot.joint_names
 
 
 def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: bool = False) -> str:
@@ -149,7 +149,7 @@ def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: b
     Raises:
         InvalidInput: also for a robot with its own legs.
     """
-    if robot.source.own:
+    if robot.own:
         raise InvalidInput(
             f"robot {robot.name}: expected a robot whose legs are to be drawn up, got one with "
             "legs of its file"

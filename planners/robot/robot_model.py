@@ -12,7 +12,7 @@ import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -217,25 +217,6 @@ def resisting_nm(damping_nms_rad: Array, friction_nm: Array, rates_rad_s: Array)
     return np.asarray(damping_nms_rad * rates_rad_s + slowed)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Remark:
-    """Remark on how a file was read: a guess to confirm, or a number that is hard to believe."""
-
-    kind: Literal["guess", "doubt"]
-    text: str
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Body:
-    """The whole robot in its standing posture: mass [kg], centre of mass p_BC in the base's frame,
-    shape (3,) [m], and inertia about it, shape (3, 3) [kg m²].
-    """
-
-    mass_kg: float
-    com_m: Array
-    inertia_kgm2: Array
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotModel:
     """A legged robot.
@@ -243,9 +224,13 @@ class RobotModel:
     Arguments:
         urdf: text of the URDF, with corrections written into it, so that any parser of it sees this
             robot.
+        mass_kg, com_m, inertia_kgm2: of the whole robot in its standing posture: mass [kg], centre
+            of mass p_BC in the base's frame, shape (3,) [m], and inertia about it, shape (3, 3) [kg
+            m²].
         mounts: place of every link, by name.
         disabled_pairs: links that may touch, from the SRDF.
-        remarks: things that were guessed or are hard to believe.
+        guesses, doubts: how its file was read, to be confirmed, and its numbers that are hard to
+            believe, one line each.
         gaps: entries that a YAML file has to add before anything can be planned, one line each.
         servo: the drive of every joint of legs that are drawn up; None where a robot's own file
             says what its joints can.
@@ -254,11 +239,14 @@ class RobotModel:
     name: str
     urdf: str
     legs: tuple[Leg, ...]
-    body: Body
+    mass_kg: float
+    com_m: Array
+    inertia_kgm2: Array
     shapes: tuple[Shape, ...]
     mounts: Mapping[str, Mount]
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
-    remarks: tuple[Remark, ...] = ()
+    guesses: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     gaps: tuple[str, ...] = ()
     servo: Servo | None = None
 
@@ -332,7 +320,7 @@ class RobotModel:
     def stand_height_m(self) -> float:
         """Height of the centre of mass over the ground under its feet, as it stands [m]."""
         grounds = [float(leg.nominal_m[2]) - leg.radius_m for leg in self.legs]
-        return float(self.body.com_m[2]) - float(np.mean(grounds))
+        return float(self.com_m[2]) - float(np.mean(grounds))
 
     @property
     def unrunnable(self) -> tuple[str, ...]:
@@ -371,7 +359,7 @@ class RobotModel:
         drives can do are shares of it.
         """
         length_m = float(np.mean([leg.chain.length_m for leg in self.legs]))
-        return self.body.mass_kg * GRAVITY_M_S2 * length_m
+        return self.mass_kg * GRAVITY_M_S2 * length_m
 
     @property
     def drive(self) -> tuple[float, float, float]:
@@ -429,13 +417,8 @@ class RobotModel:
             return ()
         return tuple(
             (subject.removeprefix("joint "), text)
-            for subject, text in _torque_doubts(self.legs, self.body)
+            for subject, text in _torque_doubts(self.legs, self.mass_kg)
         )
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Numbers of the file that are hard to believe, one line each."""
-        return tuple(remark.text for remark in self.remarks if remark.kind == "doubt")
 
     @cached_property
     def limit_doubts(self) -> tuple[str, ...]:
@@ -521,12 +504,12 @@ def model_of(
         if mjcf is not None:
             guesses, gaps = [*mjcf.guesses, *guesses], (*mjcf.gaps, *gaps)
         legs, more = _stand(legs, posture_rad, semantics)
-        body, rest = _weighed(model, legs, root)
+        mass_kg, com_m, inertia_kgm2, rest = _weighed(model, legs, root)
         called = checked_name(name or model.name, "name")
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     mounts = _mounts(model, legs, rest)
-    doubts = [*doubted, *_torque_doubts(legs, body), *leg_doubts(legs)]
+    doubts = [*doubted, *_torque_doubts(legs, mass_kg), *leg_doubts(legs)]
     doubts += [] if mjcf is None else mjcf.doubts_of(moved)
     doubts += [(f"joint {name}", why) for name, why in limit_doubts(root) if name in moved]
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
@@ -538,15 +521,15 @@ def model_of(
         name=called,
         urdf=text,
         legs=legs,
-        body=body,
+        mass_kg=mass_kg,
+        com_m=com_m,
+        inertia_kgm2=inertia_kgm2,
         shapes=shapes,
         mounts=mounts,
         gaps=gaps,
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
-        remarks=(
-            *(Remark(kind="guess", text=each) for each in (*guesses, *more)),
-            *(Remark(kind="doubt", text=each) for each in (*gaps, *_joined(doubts))),
-        ),
+        guesses=(*guesses, *more),
+        doubts=(*gaps, *_joined(doubts)),
     )
     if not balls:
         vars(made).update(tree=root, built=model)
@@ -708,7 +691,7 @@ def _angle(text: str, where: str) -> float:
         raise InvalidInput(f"{where}: expected a number, got {shown(text)}") from None
 
 
-def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Array]:
+def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[float, Array, Array, Array]:
     """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base
     at the origin.
     """
@@ -729,7 +712,7 @@ def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[Body, Arra
             f"expected links with mass and inertia, got {mass:g} kg in "
             f"all{wrong and ': '}{wrong:.300}"
         )
-    return Body(mass_kg=mass, com_m=com, inertia_kgm2=0.5 * (inertia + inertia.T)), rest
+    return mass, com, 0.5 * (inertia + inertia.T), rest
 
 
 def _mounts(model: Any, legs: Sequence[Leg], rest: Array) -> dict[str, Mount]:
@@ -785,11 +768,11 @@ def _sliding(legs: Sequence[Leg]) -> list[tuple[str, str]]:
     return [(joint.name, _SLIDES) for leg in legs for joint in leg.joints if joint.slides]
 
 
-def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
+def _torque_doubts(legs: Sequence[Leg], mass_kg: float) -> list[tuple[str, str]]:
     """Torque limits that are not said, or that no joint of such a robot has."""
     doubts = []
     for leg in legs:
-        most = _STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
+        most = _STRONGEST * mass_kg * GRAVITY_M_S2 * leg.chain.length_m
         for joint in leg.joints:
             if joint.torque_nm <= 0.0:
                 doubts.append(

@@ -183,7 +183,7 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
         )
     heaviest = max(loads.values(), key=lambda mass: float(mass.get("value", "0")))
     link_mass = float(heaviest.get("value", "0"))
-    others = model.body.mass_kg - link_mass
+    others = model.mass_kg - link_mass
     if wanted <= others:
         raise InvalidInput(
             f"mass_kg: expected more than the {others:.3g} kg of all but the body, got {wanted:g}"
@@ -239,7 +239,7 @@ def contact_robot(
     """
     return Robot(
         name=robot.name,
-        mass_kg=robot.body.mass_kg,
+        mass_kg=robot.mass_kg,
         limbs=limbs_over(robot, sets, workspaces),
         relative_reach=soles_apart(robot) if sets == "inner" else (),
         model=robot,
@@ -299,9 +299,9 @@ def on_limbs(robot: Robot, limbs: Sequence[Limb], mass_kg: float) -> Robot:
     """
     names = tuple(limb.name for limb in limbs)
     idle = tuple(name for name in robot.limb_names if name not in names)
-    if not robot.source.own and robot.drawn is None:
+    if not robot.own and robot.drawn is None:
         raise no_legs(robot.name)
-    model = _on_legs(robot.source.own_model(), names) if robot.source.own else None
+    model = _on_legs(robot.own_model(), names) if robot.own else None
     return Robot(
         name=robot.name,
         mass_kg=mass_kg,
@@ -380,8 +380,8 @@ def walker_from(robot: Robot | str | Path) -> Robot:
         return named_walker(robot)
     if robot.feet:
         return robot
-    if robot.source.own:
-        return walker_of(robot.source.own_model())
+    if robot.own:
+        return walker_of(robot.own_model())
     default = hexapod_walker()
     if robot.limb_names == default.limb_names and robot.mass_kg == default.mass_kg:
         return default
@@ -443,15 +443,15 @@ def walker_of(
             nominal_m=toe,
             reach_min_m=low,
             reach_max_m=high,
-            hip_m=leg.hip_m - model.body.com_m,
+            hip_m=leg.hip_m - model.com_m,
         )
         for leg, toe, (low, high) in zip(model.legs, toes, boxes, strict=True)
     ]
     trunk = _trunk(model) if trunk_half_m is None else half_sides(trunk_half_m, "trunk_half_m")
     return Robot(
         name=model.name,
-        mass_kg=model.body.mass_kg,
-        inertia_kgm2=model.body.inertia_kgm2,
+        mass_kg=model.mass_kg,
+        inertia_kgm2=model.inertia_kgm2,
         feet=tuple(feet),
         stand_height_m=model.stand_height_m - crouch_m,
         trunk_half_m=trunk,
@@ -518,7 +518,7 @@ def _trunk(model: RobotModel) -> Array:
         raise InvalidInput(
             "trunk_half_m: expected shapes of the base, found none: say it in a YAML file"
         )
-    points = np.vstack(corners) - model.body.com_m
+    points = np.vstack(corners) - model.com_m
     below = max(-float(points[:, 2].min()), 1e-3)
     return np.array([*np.abs(points[:, :2]).max(axis=0), below])
 
@@ -621,8 +621,8 @@ def _lengths(leg: Leg) -> tuple[float, float]:
 
 
 def _with_limits(robot: Robot, keys: Mapping[str, LegKeys]) -> Robot:
-    model = robot.source.own_model()
-    limits = [_limits_of(leg, model.body.com_m) for leg in model.legs]
+    model = robot.own_model()
+    limits = [_limits_of(leg, model.com_m) for leg in model.legs]
     limbs = tuple(
         replace(limb, leg=each, reach_m=_lengths(leg)[1] + leg.radius_m)
         for limb, each, leg in zip(robot.limbs, limits, model.legs, strict=True)

@@ -129,25 +129,6 @@ def kind_of(problem: Problem) -> Kind:
     return "postures" if problem.is_posture else "courses"
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Claim:
-    """Claim of a planner about a problem, before it is checked.
-
-    Arguments:
-        plan: a plan.
-        certificate: a proof that there is none.
-        word: its verdict in its own word, e.g. a solver's "optimal".
-        message: why it has neither, or what else is to be known.
-        details: its figures, by name.
-    """
-
-    plan: Plan | None = None
-    certificate: Certificate | None = None
-    word: str = ""
-    message: str = ""
-    details: Mapping[str, float] = field(default_factory=dict)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Acceptance:
     """When a claim is accepted.
@@ -163,20 +144,26 @@ class Acceptance:
     def answer(
         self,
         problem: Problem,
-        claim: Claim,
         *,
         method: str,
         clock: Clock,
+        plan: Plan | None = None,
+        certificate: Certificate | None = None,
+        word: str = "",
+        message: str = "",
+        details: Mapping[str, float] | None = None,
         bound: float = float("nan"),
     ) -> Answer[Plan]:
-        """Feasible if the plan is verified, infeasible if the certificate is, else undecided.
+        """Feasible if a planner's plan is verified, infeasible if its certificate is, else undecided.
 
         Arguments:
+            plan, certificate: what the planner claims: a plan, or a proof that there is none.
+            word: its verdict in its own word, e.g. a solver's "optimal".
+            message: why it has neither, or what else is to be known.
+            details: its figures, by name.
             bound: on the objective of any plan, proved.
         """
-        status, report, begin, message = Status.UNDECIDED, None, clock.elapsed(), claim.message
-        certificate: Certificate | None = None
-        plan = claim.plan
+        status, report, begin = Status.UNDECIDED, None, clock.elapsed()
         if plan is not None:
             plan = plan if plan.problem is problem else replace(plan, problem=problem)
             report = check_plan(
@@ -189,8 +176,8 @@ class Acceptance:
                 message = message or f"{kind} refused: {report.message}"
         posed = problem.is_posture
         bound = 0.0 if posed else bound
-        if claim.certificate is not None and status is Status.UNDECIDED:
-            certificate = claim.certificate.of(problem)
+        if certificate is not None and status is Status.UNDECIDED:
+            certificate = certificate.of(problem)
             gap = self.gap if posed else 0.0
             proof = check_certificate(certificate, tolerance=gap, any_sets=True)
             bound = proof.figures["lower_bound"] if posed else bound
@@ -221,9 +208,9 @@ class Acceptance:
                 solver_s=clock.solver_s,
                 verifier_s=seconds - begin,
             ),
-            claim=claim.word,
+            claim=word,
             message=message,
-            details=dict(claim.details),
+            details=dict(details or {}),
         )
 
 
@@ -419,9 +406,9 @@ class VerifiedPlanner:
         if self._envelopes is not None and problem.is_posture:
             self._envelopes.check_fits(problem)
         clock = Clock.start()
-        claim, solves = _asked(self._planner, problem, self._where)
+        claimed, solves = _asked(self._planner, problem, self._where)
         clock.count(solves, 0.0)
-        return self._acceptance.answer(problem, claim, method=self.name, clock=clock)
+        return self._acceptance.answer(problem, method=self.name, clock=clock, **claimed)
 
 
 def check_answers(planner: Any, kind: Kind, where: str) -> None:
@@ -438,8 +425,8 @@ def check_answers(planner: Any, kind: Kind, where: str) -> None:
         )
 
 
-def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
-    """Claim of a planner, and the number of solves that it reports.
+def _asked(planner: Any, problem: Problem, where: str) -> tuple[dict[str, Any], int]:
+    """Claim of a planner, for ``Acceptance.answer``, and the number of solves that it reports.
 
     Raises InvalidInput.
     """
@@ -463,10 +450,9 @@ def _asked(planner: Any, problem: Problem, where: str) -> tuple[Claim, int]:
             rest["details"] = {
                 _text(key, where): float(value) for key, value in claim.details.items()
             }
-        solution = _taken(Plan, evidence, where, problem=problem)
-        return Claim(
-            plan=solution, certificate=_taken(Certificate, certificate, where), **rest
-        ), solves
+        rest["plan"] = _taken(Plan, evidence, where, problem=problem)
+        rest["certificate"] = _taken(Certificate, certificate, where)
+        return rest, solves
 
 
 def _solving(planner: Any, where: str) -> Any:

@@ -151,9 +151,12 @@ _Project = Callable[[Scaled, Point, bool], Point]
 patiently."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class SearchLimits:
-    """Limits at which a search stops.
+class ChoiceSearch:
+    """Depth-first over the choices of one course.
+
+    found: the best choice, (P,), and its point. bound: on the objective, of what was searched.
+    complete: whether the tree was searched to its end, every leaf refuted; else message says why
+    not.
 
     Arguments:
         gap: relative to the best plan's objective; None stops at the first plan.
@@ -163,29 +166,20 @@ class SearchLimits:
             chosen, or that there is no plan.
     """
 
-    max_nodes: int
-    gap: float | None = None
-    share: float = 1.0
-    learns: bool = True
-
-
-class ChoiceSearch:
-    """Depth-first over the choices of one course.
-
-    found: the best choice, (P,), and its point. bound: on the objective, of what was searched.
-    complete: whether the tree was searched to its end, every leaf refuted; else message says why
-    not.
-    """
-
     def __init__(
         self,
         programs: Programs,
         scaled: Scaled,
         project: _Project,
-        limits: SearchLimits,
         clock: Clock,
+        *,
+        max_nodes: int,
+        gap: float | None = None,
+        share: float = 1.0,
+        learns: bool = True,
     ) -> None:
-        self._programs, self._scaled, self._limits, self._clock = programs, scaled, limits, clock
+        self._programs, self._scaled, self._clock = programs, scaled, clock
+        self._max_nodes, self._gap, self._share, self._learns = max_nodes, gap, share, learns
         self._onto_surface = project
         self.found: tuple[Index, Point] | None = None
         self.upper, self.bound = float("inf"), float("nan")
@@ -202,16 +196,16 @@ class ChoiceSearch:
 
     def run(self) -> None:
         """Search until there is a plan as good as asked for, nothing left, or a limit."""
-        if self._scaled.options > 1 or not self._limits.max_nodes:
+        if self._scaled.options > 1 or not self._max_nodes:
             self._guess()
         stack = [
             (float("-inf"), self._scaled.opened())
         ]  # bounds and open candidates of what is left
         ended = [float("inf")]  # bounds of parts given up
-        while stack and not (self._limits.gap is None and self.found is not None):
-            if self.nodes >= self._limits.max_nodes or self._late():
-                at_nodes = self.nodes >= self._limits.max_nodes
-                limit = f"{self._limits.max_nodes} nodes" if at_nodes else self._clock.limit
+        while stack and not (self._gap is None and self.found is not None):
+            if self.nodes >= self._max_nodes or self._late():
+                at_nodes = self.nodes >= self._max_nodes
+                limit = f"{self._max_nodes} nodes" if at_nodes else self._clock.limit
                 self._open_end = self.limited = True
                 self.message = f"the search for patches met its limit ({limit})"
                 break
@@ -222,7 +216,7 @@ class ChoiceSearch:
                 stack += self._expand(bound, opened, ended)
         if self.found is None and self._open_end and not self.message:
             self.message = "P1 admits the course, but P2 found no plan from its points"
-        if self._limits.gap is not None and self.nodes:
+        if self._gap is not None and self.nodes:
             self.bound = min([self.upper, *ended, *(bound for bound, _ in stack)])
 
     @property
@@ -248,7 +242,7 @@ class ChoiceSearch:
         self.guessed = self.found is not None
         if (
             self.found is not None
-            or not self._limits.max_nodes
+            or not self._max_nodes
             or self._cuts.refuting(self._scaled.opened()) is not None
             or self._late()
         ):
@@ -405,7 +399,7 @@ class ChoiceSearch:
         chosen = self._scaled.chosen(choice)
         point = self._onto_surface(chosen, start, False)
         if not point.residual <= SURFACE and not hasty:
-            if self._limits.learns and self._nogoods.learn(choice, self._limits.share):
+            if self._learns and self._nogoods.learn(choice, self._share):
                 return
             point = self._onto_surface(chosen, start, True)
         if point.residual <= SURFACE and cost(chosen, point) < self.upper:
@@ -415,7 +409,7 @@ class ChoiceSearch:
         """Tell whether no plan of this bound is better than the one there is by more than the
         gap.
         """
-        gap = self._limits.gap
+        gap = self._gap
         return (
             gap is not None
             and self.found is not None
@@ -423,7 +417,7 @@ class ChoiceSearch:
         )
 
     def _late(self) -> bool:
-        share = self._limits.share if self.tried and self.found is None else 1.0
+        share = self._share if self.tried and self.found is None else 1.0
         return self._clock.ended(share)
 
     def _solve(self, scaled: Scaled) -> LiftAnswer:

@@ -209,7 +209,7 @@ def _judged(lay: Lay, stance: Stance) -> tuple[Group, Certificate | None]:
     if found.solution is not None:
         return replace(_held(found.solution)[0], name=name, when=step), None
     proof, proved = found.certificate, True
-    if course.robot.source.own:
+    if course.robot.own:
         outer = TwoStage().solve(_posture(lay("outer"), stance)).certificate
         proof, proved = outer or proof, outer is not None
     if proof is None:

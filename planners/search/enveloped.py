@@ -43,7 +43,7 @@ from ..relaxation.boxes import (
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.mccormick import Axes, McCormick
 from ..relaxation.relaxed import RelaxationAnswer
-from .answer import Acceptance, Claim, Clock, Method, kind_of, plan_of
+from .answer import Acceptance, Clock, Method, kind_of, plan_of
 from .cuts import alone
 
 _TRIES = 3
@@ -97,11 +97,15 @@ class _Search:
         if self._plan is None and certificate is None and not self._message:
             self._message = "no plan was found in the directions of least steps that were tried"
         details = {"asked": float(self._asked), "parted": float(self._parts)}
-        claim = Claim(
-            plan=self._plan, certificate=certificate, message=self._message, details=details
-        )
         return acceptance.answer(
-            self._course, claim, method=self._planner.name, clock=self._clock, bound=self._bound
+            self._course,
+            plan=self._plan,
+            certificate=certificate,
+            message=self._message,
+            details=details,
+            method=self._planner.name,
+            clock=self._clock,
+            bound=self._bound,
         )
 
     def _proof(self, sides: _Sides, depth: int) -> _Proof | None:

@@ -32,7 +32,7 @@ from ..projection.project import SURFACE, Projection, cost, improved, project
 from ..relaxation.envelope import Envelope
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..relaxation.mccormick import McCormick, domain_of, toe_ranges
-from .answer import Acceptance, Claim, Clock, Kind, Method, plan_of
+from .answer import Acceptance, Clock, Kind, Method, plan_of
 from .choice import LEAST, ChoiceSearch
 from .cuts import CutSearch, bent_patches, branch
 from .enveloped import over_sides
@@ -164,7 +164,7 @@ class BoxSearch:
             return None
         posture = plan_of(self._problem, self._scaled, self._scaled.numbers, point)
         outcome = self._acceptance.answer(
-            self._problem, Claim(plan=posture), method=self._projection, clock=Clock.start()
+            self._problem, plan=posture, method=self._projection, clock=Clock.start()
         )
         return outcome.solution
 
@@ -317,13 +317,15 @@ class Exact(Method):
             clock.count(pushed.solves, 0.0)
             if pushed.found is not None:  # else the verifier may find that the other bears it, too
                 scaled, found = bears, pushed.found
-        claim = Claim(
+        return self.acceptance.answer(
+            problem,
             plan=None if found is None else plan_of(problem, scaled, *found),
             certificate=proof,
             message=search.stopped,
             details={"nodes": float(search.nodes), "trivial": float(search.trivial)},
+            method=self.name,
+            clock=clock,
         )
-        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
 
     def search(
         self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None
@@ -380,8 +382,17 @@ class Exact(Method):
             details["gap"] = max(0.0, upper - lower) / max(upper, LEAST)
             word = "" if stopped else "optimal"
         bound = float("nan") if word == "infeasible" else lower * course.unit_m**2
-        claim = Claim(plan=plan, certificate=proof, word=word, message=stopped, details=details)
-        return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
+        return self.acceptance.answer(
+            course,
+            plan=plan,
+            certificate=proof,
+            word=word,
+            message=stopped,
+            details=details,
+            method=self.name,
+            clock=clock,
+            bound=bound,
+        )
 
 
 @dataclass(kw_only=True, eq=False)

@@ -95,7 +95,7 @@ def plan_with_reserve(
         if limited is None:
             continue
         dulled = slippery(course, share)
-        if course.has_soles and course.robot.source.own and len(shares) > 1:
+        if course.has_soles and course.robot.own and len(shares) > 1:
             dulled = narrowed(dulled, _SOLES[min(shares.index(share), len(_SOLES) - 1)])
         outcome = limited.solve(dulled)
         LOG.info(
@@ -153,9 +153,9 @@ def narrowed(course: Problem, share: float) -> Problem:
     """
     soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
     held = {name: (np.zeros(2), share) for name in soles}
-    if course.robot.source.own:
+    if course.robot.own:
         weight_n = course.robot.mass_kg * course.gravity_m_s2
-        legs = course.robot.source.own_model().legs
+        legs = course.robot.own_model().legs
         held |= {leg.name: _held(leg, weight_n, share) for leg in legs if leg.sole is not None}
     limbs = tuple(
         limb
@@ -263,11 +263,9 @@ def _braced(
     """
     assert outcome.solution is not None
     borne = push_share(outcome.solution)
-    if not course.robot.source.joint_names:
+    if not course.robot.joint_names:
         return outcome, borne
-    patience_s = (
-        math.inf if course.robot.source.own else max(_SPARE_S, _SPARE * outcome.effort.seconds)
-    )
+    patience_s = math.inf if course.robot.own else max(_SPARE_S, _SPARE * outcome.effort.seconds)
     deadline = min(deadline, time.perf_counter() + patience_s)
     for share in PUSHES:
         limited = None if share <= borne else in_time(quick(planner), _part_of_time(deadline))

@@ -34,7 +34,7 @@ from ..relaxation.boxes import boxes_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.lift import solve_lift
 from ..relaxation.mccormick import domain_of
-from .answer import Claim, Clock, Kind, Method, kind_of, plan_of
+from .answer import Clock, Kind, Method, kind_of, plan_of
 from .choice import nearest
 from .cuts import LEAF, alone
 from .enveloped import over_sides
@@ -117,8 +117,15 @@ class Nlp(Method):
         message = "" if best is not None else f"no witness from {tried} starts; IPOPT said {word}"
         made = {"planner": self.name, "start": self.start}
         plan = None if best is None else plan_of(problem, scaled, choice, best, provenance=made)
-        claim = Claim(plan=plan, word=word, message=message, details={"starts": float(tried)})
-        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
+        return self.acceptance.answer(
+            problem,
+            plan=plan,
+            word=word,
+            message=message,
+            details={"starts": float(tried)},
+            method=self.name,
+            clock=clock,
+        )
 
     def _starting(self, chosen: Scaled, count: int) -> list[Point]:
         starts = starting_points(chosen, count, seed=self.seed)
@@ -239,9 +246,7 @@ class Decoupled(Method):
             proof = Certificate(
                 tree=np.array([LEAF]), multipliers=multipliers(scaled.layout, solution)[None]
             )
-            return self.acceptance.answer(
-                course, Claim(certificate=proof), method=self.name, clock=clock
-            )
+            return self.acceptance.answer(course, certificate=proof, method=self.name, clock=clock)
         bound = solution.bound * course.unit_m**2 if solution.solved else float("nan")
         chosen = scaled.chosen(choice)
         if scaled.options > 1 and solution.solved:
@@ -260,8 +265,15 @@ class Decoupled(Method):
                 plan_of(course, scaled, choice, point, provenance={"planner": self.name}),
                 "",
             )
-        claim = Claim(plan=plan, message=message, details=details)
-        return self.acceptance.answer(course, claim, method=self.name, clock=clock, bound=bound)
+        return self.acceptance.answer(
+            course,
+            plan=plan,
+            message=message,
+            details=details,
+            method=self.name,
+            clock=clock,
+            bound=bound,
+        )
 
     def _place(self, scaled: Scaled, clock: Clock) -> tuple[ConicSolution, Index, Point]:
         solution = self.kept.get(Positions, scaled.layout).solve(scaled)
@@ -401,8 +413,15 @@ class Micp(Method):
         if point is not None and answer.choice is not None:
             made = {"planner": self.name, "solver": self.solver, "projection": self.projection}
             plan = plan_of(problem, scaled, answer.choice, point, provenance=made)
-        claim = Claim(plan=plan, word=answer.claim, message=message, details=details)
-        return self.acceptance.answer(problem, claim, method=self.name, clock=clock)
+        return self.acceptance.answer(
+            problem,
+            plan=plan,
+            word=answer.claim,
+            message=message,
+            details=details,
+            method=self.name,
+            clock=clock,
+        )
 
     def program(self, problem: Problem) -> MicpProgram:
         """The program of a problem; postures of one layout share one, which then has the numbers of

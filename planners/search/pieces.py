@@ -384,7 +384,7 @@ def in_pieces(course: Problem) -> bool:
     """Tell whether a course is planned in pieces: from fewer key frames on where there are legs,
     whose joints and bodies take the most time.
     """
-    most = LONG if course.robot.source.joint_names else AT_ONCE
+    most = LONG if course.robot.joint_names else AT_ONCE
     return course.frames > most and not course.has_soles and not course.uncarried
 
 

@@ -262,7 +262,7 @@ class _CourseSearch:
         if not self.stated and self.limits is not None and len(layouts) > 1:
             steep = _on_steep_ground(question)
             if steep is not None:
-                own, search = steep.robot.source.own, replace(self, steep=True)
+                own, search = steep.robot.own, replace(self, steep=True)
                 found, layouts = _leaning(question, layouts, self.at_a_glance, own, deadline)
                 if found is not None:
                     return found
@@ -296,9 +296,7 @@ class _CourseSearch:
         outcome = self._firmly(course, end) if striding else self._contacts(course, search_end)
         if outcome.certificate is not None and not self.stated:
             outcome = _undecided(outcome, _LAID + _slipping(outcome, alternative))
-        elif (
-            outcome.certificate is not None and course.robot.source.own and outcome.sets != "outer"
-        ):
+        elif outcome.certificate is not None and course.robot.own and outcome.sets != "outer":
             outcome = _refuted(outcome, self.question, self.planner, self.shares[-1], end)
         if striding and outcome.solution is not None:
             outcome = self._striding(course, outcome, end)
@@ -347,7 +345,7 @@ class _CourseSearch:
 
         assert self.limits is not None
         limits, asked = self.limits, course
-        own, seen = course.robot.source.own, list[tuple[float, int, Answer[Plan]]]()
+        own, seen = course.robot.own, list[tuple[float, int, Answer[Plan]]]()
         looks_end = _search_end(end, _LOOKS)
 
         def search_end() -> float:

@@ -33,8 +33,8 @@ from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
 from ..relaxation.mccormick import McCormick
 from ..relaxation.relaxed import RELAXATIONS, RelaxedProgram
-from .answer import Claim, Clock, Kind, Method, kind_of, plan_of
-from .choice import ChoiceSearch, SearchLimits
+from .answer import Clock, Kind, Method, kind_of, plan_of
+from .choice import ChoiceSearch
 from .cuts import LEAF, PROVABLE, CutSearch
 from .enveloped import over_sides
 
@@ -211,12 +211,15 @@ class TwoStage(Method):
         if result is not None:
             made = {"planner": self.name, "projection": self.projection, "p1": "lift"}
             plan = plan_of(course, scaled, *result, provenance=made)
-        claim, bound = (
-            Claim(plan=plan, certificate=proof, message=message, details=details),
-            search.bound,
-        )
         return self.acceptance.answer(
-            course, claim, method=self.name, clock=clock, bound=bound * course.unit_m**2
+            course,
+            plan=plan,
+            certificate=proof,
+            message=message,
+            details=details,
+            method=self.name,
+            clock=clock,
+            bound=search.bound * course.unit_m**2,
         )
 
     def _of_posture(self, problem: Problem) -> Answer[Plan]:
@@ -241,8 +244,12 @@ class TwoStage(Method):
             answer = self.relaxed().answers(self.kept, [scaled], boxes, [])[0]
         clock.count(answer.solves, 0.0)
         if not answer.known:
-            claim = Claim(message="the relaxation was not solved")
-            return self.acceptance.answer(problem, claim, method=self.posture_name, clock=clock)
+            return self.acceptance.answer(
+                problem,
+                message="the relaxation was not solved",
+                method=self.posture_name,
+                clock=clock,
+            )
         details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
         if (
             not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap)
@@ -257,8 +264,15 @@ class TwoStage(Method):
         if not (self.projection and np.isinf(point.residual)) and np.all(np.isfinite(point.forces)):
             plan = plan_of(problem, scaled, scaled.numbers, point)
         message = "" if plan is not None else f"{self.projection} found no answer from P1's point"
-        claim = Claim(plan=plan, word="feasible", message=message, details=details)
-        return self.acceptance.answer(problem, claim, method=self.posture_name, clock=clock)
+        return self.acceptance.answer(
+            problem,
+            plan=plan,
+            word="feasible",
+            message=message,
+            details=details,
+            method=self.posture_name,
+            clock=clock,
+        )
 
     def _refused(
         self,
@@ -286,8 +300,15 @@ class TwoStage(Method):
             if certificate
             else "the relaxation is infeasible; over a learned box that is no proof"
         )
-        claim = Claim(certificate=certificate, word="infeasible", message=message, details=details)
-        return self.acceptance.answer(problem, claim, method=self.posture_name, clock=clock)
+        return self.acceptance.answer(
+            problem,
+            certificate=certificate,
+            word="infeasible",
+            message=message,
+            details=details,
+            method=self.posture_name,
+            clock=clock,
+        )
 
     def _of_one_class(self) -> EnvelopeSet | None:
         """The envelopes of postures.
@@ -345,8 +366,15 @@ class TwoStage(Method):
                 or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
             )
         word = "infeasible" if plan is None and search.solved_none else ""
-        claim = Claim(plan=plan, word=word, message=message, details=details)
-        return self.acceptance.answer(course, claim, method=self.name, clock=clock)
+        return self.acceptance.answer(
+            course,
+            plan=plan,
+            word=word,
+            message=message,
+            details=details,
+            method=self.name,
+            clock=clock,
+        )
 
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
         """Run the search over the patches of one course."""
@@ -354,7 +382,6 @@ class TwoStage(Method):
         share = _CHOICE_SHARE if self.cuts else 1.0
         max_nodes, projection = NODES if self.max_nodes is None else self.max_nodes, self.projection
         learns = scaled.options > 1 or (self.proves and not scaled.layout.pushes)
-        limits = SearchLimits(max_nodes=max_nodes, gap=self.gap, share=share, learns=learns)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             steps = self.steps if patient else min(self.steps, _QUICK)
@@ -365,7 +392,16 @@ class TwoStage(Method):
                 return point
             return improved(self.kept, chosen, point, clock.count)
 
-        search = ChoiceSearch(self.kept, scaled, projected, limits, clock)
+        search = ChoiceSearch(
+            self.kept,
+            scaled,
+            projected,
+            clock,
+            max_nodes=max_nodes,
+            gap=self.gap,
+            share=share,
+            learns=learns,
+        )
         search.run()
         return search
 

@@ -137,26 +137,12 @@ it is level on the whole and to stand on; or h of x and y. Polygons go on to an 
 ``WIDE``, where it takes one by that name."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Family:
-    """A family of drawn grounds.
-
-    Arguments:
-        quantity: what the level says, by its formula.
-        draw: the ground at a level.
-        walked: whether it has a height at every place, so that walks can go over it.
-    """
-
-    quantity: str
-    draw: _Draw
-    walked: bool = True
-
-
 _LEAST_M = 1e-3
 """A riser lower than this is none [m]."""
 
 
 def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    """Height of a riser: 0.5 · level m."""
     low_x, high_x, half = _ends(extent)
     run, phase, friction = rng.uniform(0.24, 0.32), rng.uniform(0.0, 1.0), rng.uniform(0.6, 0.9)
     riser = _RISER_M * level
@@ -179,6 +165,7 @@ def _stairs(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 
 
 def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    """Clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m."""
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.6, 0.9)
     shifts, tops = (
         rng.uniform(-0.5, 0.5, (_STONES, _STONES, 2)),
@@ -207,6 +194,7 @@ def _stones(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 
 
 def _gaps(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    """Width of a gap across the way: 1.0 · level m."""
     low_x, high_x, half = _ends(extent)
     middle, friction = rng.uniform(0.0, 0.35), rng.uniform(0.6, 0.9)
     gap = _GAP_M * level
@@ -217,6 +205,7 @@ def _gaps(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terr
 
 
 def _beams(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    """Width of a beam along the way: 1.2 − 1.16 · level m."""
     low_x, high_x, _ = _ends(extent)
     offset, friction = rng.uniform(-_BEAM_OFFSET_M, _BEAM_OFFSET_M), rng.uniform(0.6, 0.9)
     width = _BEAM_M[0] + (_BEAM_M[1] - _BEAM_M[0]) * level
@@ -225,6 +214,7 @@ def _beams(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Ter
 
 
 def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    """Deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level."""
     phase, friction = rng.uniform(0.0, 1.0, 2), rng.uniform(0.4, 0.7)
     heights, leans = (
         rng.standard_normal((_STONES, _STONES)),
@@ -250,6 +240,7 @@ def _rubble(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 
 
 def _slopes(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    """Angle of a plane that is climbed: 0.8 · level rad."""
     low_x, high_x, half = _ends(extent)
     friction, angle = rng.uniform(0.4, 0.8), _SLOPE_RAD * level
     rise = float(np.tan(angle))
@@ -263,6 +254,7 @@ def _slopes(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Te
 
 
 def _walls(level: float, rng: np.random.Generator, extent: Array = SCENE) -> Terrain:
+    """Distance of two walls: 0.56 + 0.5 · level m."""
     low_x, high_x, _ = _ends(extent)
     friction, shares = rng.uniform(0.6, 1.0), rng.uniform(0.45, 0.55)
     apart = _WALLS_M[0] + (_WALLS_M[1] - _WALLS_M[0]) * level
@@ -285,12 +277,15 @@ LEVEL_M = 0.6
 
 
 def _rough(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Smooth noise of .5 m wavelength, up to 8 cm deviation."""
+    """Deviation of noise of 0.5 m wavelength: 0.08 · level m."""
     return _noise(0.08 * difficulty, 0.18, rng)
 
 
 def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Five wave trains in random directions, .8–2.4 m long, up to 25° steep each."""
+    """Steepness of five wave trains: up to tan(25°) · level each.
+
+    Their directions are random, they are .8–2.4 m long.
+    """
     turns, phases = rng.uniform(0.0, 2.0 * np.pi, (2, 5))
     k = 2.0 * np.pi / rng.uniform(0.8, 2.4, 5)
     rise = np.tan(np.deg2rad(25.0)) * difficulty * rng.uniform(0.2, 0.6, 5) / k
@@ -299,7 +294,10 @@ def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
 
 
 def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
-    """Planes up to 35° steep that meet in rounded ridges and valleys."""
+    """Slope of three planes: up to tan(35°) · level.
+
+    They meet in rounded ridges and valleys.
+    """
     turns, levels = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.8, 2.0, 3)
     slopes = (
         np.tan(np.deg2rad(35.0))
@@ -341,45 +339,33 @@ _BEAM_M, _BEAM_OFFSET_M = (1.2, 0.04), 0.3
 _BLOCK_M, _RUBBLE_M, _RUBBLE_RAD = 0.4, 0.6, 0.8
 _SLOPE_RAD = 0.8
 _WALLS_M = (0.56, 1.06)
-TERRAIN_FAMILIES: Registry[Family | _Draw] = Registry(
+TERRAIN_FAMILIES: Registry[_Draw] = Registry(
     "family",
     "stancekit.families",
     {
-        "stairs": Family(quantity="height of a riser: 0.5 · level m", draw=_stairs),
-        "stones": Family(
-            quantity="clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m",
-            draw=_stones,
-        ),
-        "gaps": Family(quantity="width of a gap across the way: 1.0 · level m", draw=_gaps),
-        "beams": Family(
-            quantity="width of a beam along the way: 1.2 − 1.16 · level m", draw=_beams
-        ),
-        "rubble": Family(
-            quantity="deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level",
-            draw=_rubble,
-        ),
-        "slopes": Family(
-            quantity="angle of a plane that is climbed: 0.8 · level rad", draw=_slopes
-        ),
-        "walls": Family(
-            quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls, walked=False
-        ),
-        "rough": Family(
-            quantity="deviation of noise of 0.5 m wavelength: 0.08 · level m", draw=_rough
-        ),
-        "waves": Family(
-            quantity="steepness of five wave trains: up to tan(25°) · level each", draw=_waves
-        ),
-        "ramps": Family(quantity="slope of three planes: up to tan(35°) · level", draw=_ramps),
+        "stairs": _stairs,
+        "stones": _stones,
+        "gaps": _gaps,
+        "beams": _beams,
+        "rubble": _rubble,
+        "slopes": _slopes,
+        "walls": _walls,
+        "rough": _rough,
+        "waves": _waves,
+        "ramps": _ramps,
     },
-    expected="a Family, or a function of a level and a generator",
-    accepts=lambda it: isinstance(it, Family) or takes(it, 2),
+    expected="a function of a level and a generator",
+    accepts=lambda it: takes(it, 2),
 )
-"""By name. Friction: 0.4–0.8 on slopes, 0.4–0.7 on rubble, 0.6–1.0 on walls, 0.6–0.9 on others."""
+"""By name; docstrings say what their level is.
+
+Friction: 0.4–0.8 on slopes, 0.4–0.7 on rubble, 0.6–1.0 on walls, 0.6–0.9 on others."""
 SCENES = ("stairs", "stones", "gaps", "beams", "rubble", "slopes", "walls")
 """The families of polygons."""
 SMOOTH = ("rough", "waves", "ramps")
 """The families of heights."""
+NOT_WALKED = ("walls",)
+"""Those without a height at every place, so that no walks go over them."""
 
 
 def family_terrain(family: str, level: float, seed: int, extent: Array = SCENE) -> Terrain:
@@ -437,7 +423,7 @@ def checked_draw(family: str, level: float, seed: int) -> np.random.Generator:
 
     Raises InvalidInput for a level outside [0, 1] and for what is no seed.
     """
-    terrain_family(family)
+    TERRAIN_FAMILIES.get(family)
     checked(level, "level", least=0.0, most=1.0)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise InvalidInput(f"seed: expected a whole number of 0 or more, got {seed!r}")
@@ -472,17 +458,13 @@ def read_draw(name: str, where: str) -> tuple[str, float, int]:
     return family, level, seed
 
 
-def terrain_family(name: str) -> Family:
-    """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its
-    docstring.
+def level_of(family: str) -> str:
+    """Meaning of the level of a family, or of FILE.py:NAME: the beginning of its docstring.
 
     Raises InvalidInput for an unknown name.
     """
-    family = TERRAIN_FAMILIES.get(name)
-    if isinstance(family, Family):
-        return family
-    first = (getdoc(family) or name).split("\n\n")[0]
-    return Family(quantity=" ".join(first.split()), draw=family)
+    first = (getdoc(TERRAIN_FAMILIES.get(family)) or family).split("\n\n")[0]
+    return " ".join(first.split()).removesuffix(".")
 
 
 def _goes_on(draw: _Draw) -> bool:
@@ -498,7 +480,7 @@ def _drawn(family: str, level: float, rng: np.random.Generator, extent: Array) -
 
     Raises InvalidInput where that is no ground.
     """
-    draw = terrain_family(family).draw
+    draw = TERRAIN_FAMILIES.get(family)
     ground = draw(level, rng, extent=extent) if _goes_on(draw) else draw(level, rng)
     if (
         isinstance(ground, list | tuple)
@@ -525,7 +507,7 @@ def _heights(family: str, level: float, rng: np.random.Generator, name: str) -> 
         return levelled(ground, name)
     if ground.laid is not None:
         return ground.laid()
-    if not _goes_on(terrain_family(family).draw):
+    if not _goes_on(TERRAIN_FAMILIES.get(family)):
         return rounded(ground.patches, name=name)
     low, high = WIDE[:, :2]
     return rounded(ground.patches, low, high, name=name)

@@ -105,71 +105,50 @@ def _out_of_the_pit() -> tuple[TerrainTask, ...]:
     return _up((0.0, 0.0), 2.2 * np.stack([np.cos(turns), np.sin(turns)], axis=1))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Formula:
-    """A terrain by its formula.
-
-    Arguments:
-        shape: the height h as a function of x and y, arrays of one shape [m].
-        spacing_m: distance between the knots of the terrain's spline [m].
-        tasks: walks that are known for this terrain; none if missing.
-    """
-
-    shape: Shape
-    spacing_m: float = 0.05
-    tasks: Callable[[], tuple[TerrainTask, ...]] = tuple
-
-
-RIPPLE = Formula(shape=ripple, tasks=lambda: _around(2.0, from_opposite=False))
-CONE = Formula(shape=cone, tasks=lambda: _around(2.0, from_opposite=True))
-HILL = Formula(shape=hill, tasks=lambda: _up((-2.6, 0.0), _spread(15, 0.5)))
-PIT = Formula(shape=pit(5.0), tasks=_out_of_the_pit)
-PIT_84 = Formula(shape=pit(10.0), spacing_m=0.025, tasks=_out_of_the_pit)
-PIT_87 = Formula(shape=pit(20.0), spacing_m=0.025, tasks=_out_of_the_pit)
-TERRAINS: Registry[Formula | HeightField | Shape] = Registry(
+TERRAINS: Registry[HeightField | Shape] = Registry(
     "terrain",
     "stancekit.terrains",
     {
-        "ripple": f"{__name__}:RIPPLE",
-        "cone": f"{__name__}:CONE",
-        "hill": f"{__name__}:HILL",
-        "pit": f"{__name__}:PIT",
-        "pit-84": f"{__name__}:PIT_84",
-        "pit-87": f"{__name__}:PIT_87",
+        "ripple": ripple,
+        "cone": cone,
+        "hill": hill,
+        "pit": pit(5.0),
+        "pit-84": pit(10.0),
+        "pit-87": pit(20.0),
     },
-    expected="a height field, a Formula, or a function of x and y",
-    accepts=lambda thing: isinstance(thing, Formula | HeightField) or takes(thing, 2),
+    expected="a height field, or a function of x and y",
+    accepts=lambda thing: isinstance(thing, HeightField) or takes(thing, 2),
 )
 """Terrains by name, those of Pan et al. (Fig. 3) first; the walls of the pits: 79°, 84° and 87°."""
 
 
-def _formula(name: str) -> Formula | HeightField:
-    """Look up a terrain by its name, and wrap a plain function h(x, y) in a ``Formula``.
-
-    Raises InvalidInput for an unknown name.
-    """
-    formula = TERRAINS.get(name)
-    return formula if isinstance(formula, Formula | HeightField) else Formula(shape=formula)
+_SPACING_M = {"pit-84": 0.025, "pit-87": 0.025}
+"""Distance between the knots of splines that are finer than others' 0.05 m."""
+_TASKS: dict[str, Callable[[], tuple[TerrainTask, ...]]] = {
+    "ripple": lambda: _around(2.0, from_opposite=False),
+    "cone": lambda: _around(2.0, from_opposite=True),
+    "hill": lambda: _up((-2.6, 0.0), _spread(15, 0.5)),
+    **dict.fromkeys(("pit", "pit-84", "pit-87"), _out_of_the_pit),
+}
 
 
 def reference_terrain(name: str) -> HeightField:
     """The terrain of a name in ``TERRAINS``, or of ``FILE.py:NAME``, over [−4, 4]² m unless it is a
     height field.
 
-    Behind a name stands a ``HeightField``, a ``Formula``, or a function h(x, y) of arrays that
-    gives heights [m]. Raises InvalidInput for another name, and for a formula that is finer than
-    its spline can hold.
+    Behind a name stands a ``HeightField``, or a function h(x, y) of arrays that gives heights [m].
+    Raises InvalidInput for another name, and for a formula that is finer than its spline can hold.
 
     >>> reference_terrain("ripple").height(np.zeros(2))
     array(0.)
     """
-    formula = _formula(name)
-    if isinstance(formula, HeightField):
-        return formula
+    ground = TERRAINS.get(name)
+    if isinstance(ground, HeightField):
+        return ground
     return HeightField.from_function(
-        formula.shape,
+        ground,
         float(WIDE[1, 0]),
-        formula.spacing_m,
+        _SPACING_M.get(name, 0.05),
         name=name,
         tolerance_m=REFERENCE_TOLERANCE_M,
     )
@@ -180,8 +159,8 @@ def reference_tasks(name: str) -> tuple[TerrainTask, ...]:
     cone, 15 targets on hill and pits, where both front feet stick; none on others. Raises
     InvalidInput for another name.
     """
-    formula = _formula(name)
-    return () if isinstance(formula, HeightField) else formula.tasks()
+    TERRAINS.get(name)
+    return _TASKS.get(name, tuple)()
 
 
 def _spread(count: int, radius_m: float) -> Array:

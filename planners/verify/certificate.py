@@ -524,7 +524,7 @@ def _short_sets(course: Problem) -> str:
     """Why a proof over a course's sets of legs says nothing of anything; empty where they hold all
     that the legs of the robot's file reach, or are the inner ones, of which it then is.
     """
-    if not course.robot.source.own:
+    if not course.robot.own:
         return ""
     from ..robot.reach_sets import contains_all
     from ..robot.walker import sets_of

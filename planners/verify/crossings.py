@@ -80,7 +80,7 @@ def _defect(crossing: Crossing) -> str:
                 return f"{where}: expected no wrench on a body that leaps"
             if to_json(part.problem.robot) != to_json(first.robot):
                 return f"{where}: expected the robot of part 1, got another: their limbs differ"
-        elif not first.robot.source.own:
+        elif not first.robot.own:
             return f"{where}: expected a robot with legs of its own, got {first.robot.name}"
         elif first.gravity_m_s2 != GRAVITY_M_S2:
             return f"{where}: expected the gravity that leaps have, {GRAVITY_M_S2:g} m/s², got {first.gravity_m_s2:g}"
@@ -95,7 +95,7 @@ def differs(mine: Robot, other: Robot) -> str:
         return f"{mine.mass_kg:g} kg and {other.mass_kg:g} kg"
     if mine.limb_names != other.limb_names:
         return f"limbs {', '.join(mine.limb_names)} and {', '.join(other.limb_names)}"
-    digests = [robot.source.digest for robot in (mine, other)]
+    digests = [robot.digest for robot in (mine, other)]
     if digests[0] != digests[1]:
         return (
             "their legs are of different files"

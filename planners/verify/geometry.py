@@ -403,7 +403,7 @@ def tipping(plan: Plan, share: float = LEAST_PUSH) -> str:
         share: push that every stance has to bear, as a share of the weight; 0 for none.
     """
     course = plan.problem
-    if not course.robot.source.own or course.uncarried or share <= 0.0:
+    if not course.robot.own or course.uncarried or share <= 0.0:
         return ""
     yields_m, least_n = verdict_yields_m(plan), share * course.weight_n
     if borne_share(plan, (share,), yields_m):

@@ -247,7 +247,7 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
         return Report(groups=tuple(broken), answer=plan, tolerance=_TOLERANCE, defect=defect)
 
     judge = _Judge(plan)
-    has_legs = plan.problem.robot.source.own
+    has_legs = plan.problem.robot.own
     report = Report(
         groups=(
             *judge.groups(),
@@ -273,7 +273,7 @@ def _defect(plan: LeapPlan) -> str:
         return (
             f"gather: expected shares of 0.05 to 0.49 and of 0.1 to 1, got {plan.gather.tolist()}"
         )
-    if plan.legs_turn_rad is not None and not leap.robot.source.own:
+    if plan.legs_turn_rad is not None and not leap.robot.own:
         return (
             "legs_turn_rad: expected none of a robot that has limbs alone, whose legs weigh nothing"
         )

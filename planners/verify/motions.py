@@ -183,7 +183,7 @@ def check_motion(
         )
     return Report(
         groups=tuple(groups),
-        answer=replace(table, doubts=robot.source.doubts),
+        answer=replace(table, doubts=robot.doubts),
         tolerance=0.0,
         limits=most,
         figures={"rounding": coarsest},  # within which the smoothest motion was judged

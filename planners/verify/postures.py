@@ -232,12 +232,7 @@ def _postures(plan: Plan, solver: Kinematics) -> tuple[Array, Array, Array, str]
 
     course, frames = plan.problem, list(range(plan.problem.frames))
     if plan.joints_rad is None:
-        answers = plan_angles(plan, solver)
-        angles = np.array([answer.angles for answer in answers])
-        error, limit = (
-            np.array([a.error_m for a in answers]),
-            np.array([a.limit_rad for a in answers]),
-        )
+        angles, error, limit = plan_angles(plan, solver)
     else:
         angles = plan.joints_rad
         feet = [

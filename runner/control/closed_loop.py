@@ -624,7 +624,7 @@ class ClosedLoop:
         """Feet slide or came down on nothing, or all stand and the robot is astray; where anything
         is done about it.
         """
-        if not self.runner.world.capabilities.has_body_pose:
+        if not self.runner.world.senses:
             return False
         if self._prepared.sees:
             self._fell = self._steps.found(target, state)

@@ -314,7 +314,7 @@ class Tracker:
         self._rolls = 0.5 * kinematics.radii_m[:, None]
         self._weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
         self._body = BodyController(
-            kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body
+            kinematics.robot.mass_kg, model.inertia_kgm2, self._weight, body
         )
         self._feels_body = body.acts
         self._loops = LoopStiffness(self._drives, self._period_s, feedback.memory_s)

@@ -353,7 +353,7 @@ def _write_crocoddyl(moved: Moved, path: Path) -> None:
     Raises InvalidInput for joints that turn without end, which Pinocchio counts otherwise.
     """
     assert moved.robot is not None
-    world, at = moved.robot.source.legs(), moved.motion.at(moved.table.time_s)
+    world, at = moved.robot.legs, moved.motion.at(moved.table.time_s)
     body, drives = simulated_body(world), Drives.of(world)
     if endless := [
         name

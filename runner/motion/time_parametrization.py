@@ -44,7 +44,7 @@ from ..acceptance import JointNeeds
 from ..control.foot_placement import ContactFeedback
 from ..control.tracker import Tracker
 from ..worlds.drives import Drives
-from ..worlds.world import Ground, Solids, Terrain, WorldCapabilities
+from ..worlds.world import Ground, Solids, Terrain
 from .redundancy import RedundancyResolution, resolved
 
 _SAMPLED_S = 0.02
@@ -317,7 +317,7 @@ def unhurried(
 def parametrize(
     motion: Played,
     kinematics: Kinematics,
-    can: WorldCapabilities,
+    can: Drives,
     *,
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
     share: float = LIMIT_SHARE,
@@ -489,7 +489,7 @@ class _Limbs:
 
 def _limit_use(
     profile: JointProfile,
-    can: WorldCapabilities,
+    can: Drives,
     *,
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
     share: float = LIMIT_SHARE,
@@ -524,7 +524,7 @@ def _limit_use(
 def _check_static(
     profile: JointProfile,
     kinematics: Kinematics,
-    can: WorldCapabilities,
+    can: Drives,
     share: float,
     drives: Drives | None = None,
 ) -> None:
@@ -579,24 +579,23 @@ def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
 
     Raises InvalidInput where joints are not known or ``run`` would refuse them.
     """
-    if isinstance(subject, LeapPlan) and not subject.robot.source.own:
+    if isinstance(subject, LeapPlan) and not subject.robot.own:
         raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
     robot = walking_robot(subject.robot) if isinstance(subject, Trajectory) else subject.robot
     kinematics = Kinematics(robot, gravity_m_s2=subject.gravity_m_s2)
     drives = Drives.of(kinematics.model)
-    can = WorldCapabilities.of_drives(drives, RATE_HZ, senses=False)
 
     def timed(plan: Plan) -> JointProfile:
         """A plan at the pace that its joints allow."""
-        motion, wished = unhurried_plan(plan, kinematics, can)
-        return parametrize(motion, kinematics, can, drives=drives, wished=wished)
+        motion, wished = unhurried_plan(plan, kinematics, drives)
+        return parametrize(motion, kinematics, drives, drives=drives, wished=wished)
 
     match subject:
         case Plan():
             profile = timed(subject)
         case Trajectory():
-            motion = gait_motion(subject, robot.source.foot_radii_m)
-            profile = timed_gait(motion, resolved(motion, kinematics), kinematics, can, drives)
+            motion = gait_motion(subject, robot.foot_radii_m)
+            profile = timed_gait(motion, resolved(motion, kinematics), kinematics, drives, drives)
         case LeapPlan() | Crossing():
             motion = (
                 leap_motion(subject)
@@ -621,7 +620,7 @@ def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
 def unhurried_plan(
     plan: Plan,
     kinematics: Kinematics,
-    can: WorldCapabilities,
+    can: Drives,
     timing: Timing = Timing(),
     *,
     shared: bool = True,
@@ -663,7 +662,7 @@ def _steady_pace(plan: Plan, timing: Timing) -> float:
     """
     from stancekit.planners.verify.margins import stance_margins  # of soles alone
 
-    model = plan.problem.robot.source.own_model()
+    model = plan.problem.robot.own_model()
     support_m = float(stance_margins(plan, ("support_m",))["support_m"].min())
     ways = np.linalg.norm(np.diff(plan.com_m[:, :2], axis=0), axis=1)
     seconds = np.maximum(timing.swing_s, ways / timing.body_m_s)
@@ -680,7 +679,7 @@ def timed_gait(
     motion: Played,
     wished: RedundancyResolution,
     kinematics: Kinematics,
-    can: WorldCapabilities,
+    can: Drives,
     drives: Drives,
     *,
     hung: bool = False,

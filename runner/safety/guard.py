@@ -24,11 +24,11 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 
 from ..motion.time_parametrization import soft_motion
+from ..worlds.drives import Drives
 from ..worlds.world import (
     JointBus,
     State,
     Terrain,
-    WorldCapabilities,
     check_state,
     check_world,
 )
@@ -196,8 +196,9 @@ class SafeWorld:
             world.servo,
         )
         self.joints, self.rate_hz, self.drives = world.joints, world.rate_hz, world.drives
-        self.gravity_m_s2, self.capabilities = world.gravity_m_s2, world.capabilities
-        self._bounds = _bounds(self.capabilities, limits)
+        self.gravity_m_s2, self.senses = world.gravity_m_s2, world.senses
+        self.capabilities = world.capabilities
+        self._bounds = _bounds(self.capabilities, self.rate_hz, limits)
         self._path = np.full(len(world.joints), limits.path_rad)
         if world.kind != "hardware":
             saturated = _SATURATED * self.drives.torque_nm / self.drives.stiffness_nm_rad
@@ -426,7 +427,7 @@ class SafeWorld:
         return bool(np.count_nonzero(np.abs(state.sent_rad - self._first) > _SENT_RAD) > 1)
 
 
-def _bounds(can: WorldCapabilities, limits: Limits) -> tuple[Array, Array, Array]:
+def _bounds(can: Drives, rate_hz: float, limits: Limits) -> tuple[Array, Array, Array]:
     """The least and the greatest angle of every joint, and how far it may move in a period, shape
     (J,) each.
     """
@@ -436,7 +437,7 @@ def _bounds(can: WorldCapabilities, limits: Limits) -> tuple[Array, Array, Array
     return (
         lower,
         upper,
-        np.minimum(limits.velocity_share * can.velocity_rad_s / can.rate_hz, limits.step_rad),
+        np.minimum(limits.velocity_share * can.velocity_rad_s / rate_hz, limits.step_rad),
     )
 
 

@@ -40,7 +40,7 @@ class ReplayWorld(JointBus):
 
         recorded = read_log(path)
         plan: dict[str, Any] = recorded.of("plan")[0]
-        drives = Drives.of(robot.source.legs(servo or robot.servo))
+        drives = Drives.of(robot.legs_with(servo or robot.servo))
         if tuple(plan["joints"]) != drives.joints:
             raise InvalidInput(
                 f"{path}: expected a log of a robot with joints {drives.joints[0]} …, got a log of another robot"

@@ -101,7 +101,7 @@ def simulated_body(
     children = {joint.find("child").get("link") for joint in root.findall("joint")}  # type: ignore[union-attr]
     base = next(name for name in links if name not in children)
     _check_weights(root, model)
-    _weigh(links, base, model.body.mass_kg, mass_share)
+    _weigh(links, base, model.mass_kg, mass_share)
     if rotors_kg_m2 is not None:
         rotors = dict(zip(joints, rotors_kg_m2.tolist(), strict=True))
         for joint in root.findall("joint"):
@@ -253,9 +253,9 @@ def _check_weights(root: Element, model: RobotModel) -> None:
             f"robot {model.name}: {link}: expected what a body can weigh, got: {why}"
         )
     total = sum(link_inertia(link)[0] for link in root.findall("link"))
-    if abs(total - model.body.mass_kg) > _SPECK * model.body.mass_kg:
+    if abs(total - model.mass_kg) > _SPECK * model.mass_kg:
         raise InvalidInput(
-            f"robot {model.name}: expected links of {model.body.mass_kg:.6g} kg in all, as it was "
+            f"robot {model.name}: expected links of {model.mass_kg:.6g} kg in all, as it was "
             "planned for, got "
             f"{total:.6g}"
         )
@@ -360,7 +360,7 @@ class SimulatedWorld(JointBus):
         actuators: Actuators | None = None,
         contact: SoftContact | None = None,
     ) -> None:
-        self.model = robot.source.legs(servo or robot.servo)
+        self.model = robot.legs_with(servo or robot.servo)
         drives = Drives.of(self.model, actuators)
         super().__init__(robot, servo, drives, rate_hz, senses=True, gravity_m_s2=gravity_m_s2)
         self.imperfections = imperfections

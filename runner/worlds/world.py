@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.files.arrays import Array, checked, checked_name, read_only
+from stancekit.planners.files.arrays import Array, checked, checked_name
 from stancekit.planners.files.documents import shown, yaml_of
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.physics import GRAVITY_M_S2
@@ -69,55 +69,6 @@ WorldKind = Literal["simulation", "recording", "hardware"]
 """Whether a world computes what happens, repeats what happened, or moves something real."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WorldCapabilities:
-    """Limits and senses of a world; J joints.
-
-    Arguments:
-        joints: names, in the order of all arrays.
-        rate_hz: of the targets.
-        lower_rad, upper_rad, velocity_rad_s, torque_nm: limits of the joints, shape (J,).
-        has_body_pose, has_contact_forces: whether it measures them; where it does not, a ``State``
-            repeats the assumed pose and has zeros.
-    """
-
-    joints: tuple[str, ...]
-    rate_hz: float
-    lower_rad: Array
-    upper_rad: Array
-    velocity_rad_s: Array
-    torque_nm: Array
-    has_body_pose: bool
-    has_contact_forces: bool
-
-    @classmethod
-    def of_drives(cls, drives: Drives, rate_hz: float, *, senses: bool) -> Self:
-        """Capabilities of such drives.
-
-        Arguments:
-            senses: the body's pose and contact forces are measured.
-        """
-        return cls(
-            joints=drives.joints,
-            rate_hz=rate_hz,
-            lower_rad=drives.lower_rad,
-            upper_rad=drives.upper_rad,
-            velocity_rad_s=drives.velocity_rad_s,
-            torque_nm=drives.torque_nm,
-            has_body_pose=senses,
-            has_contact_forces=senses,
-        )
-
-    def __post_init__(self) -> None:
-        checked(self.rate_hz, "capabilities.rate_hz", above=0.0)
-        for name in ("lower_rad", "upper_rad", "velocity_rad_s", "torque_nm"):
-            object.__setattr__(
-                self,
-                name,
-                read_only(getattr(self, name), (len(self.joints),), f"capabilities.{name}"),
-            )
-
-
 class JointBus(ABC):
     """Joints under position control, over a terrain: simulators and devices fill in ``connect``,
     ``send``, ``read`` and ``close``, what is real ``arm`` and ``stop``, too.
@@ -132,6 +83,7 @@ class JointBus(ABC):
         gravity_m_s2: gravity, None for the plan's.
 
     kind: "hardware" unless a world says that it is not; that moves only when armed. lacks: what it cannot do as the robot has it.
+    capabilities: its drives within the limits of all that it has, the narrowest.
     alone: what stops the robot where its host is silent or gone. latch: a device asks it directly
     before every write. beat: called while ``send`` waits for a device. armed: its torque is on.
     """
@@ -153,9 +105,10 @@ class JointBus(ABC):
     ) -> None:
         self.latch, self.armed = StopLatch(), False
         self.robot, self.servo = robot, servo or robot.servo
-        self.drives, self.joints, self.rate_hz = drives, drives.joints, rate_hz
+        self.drives, self.joints = drives, drives.joints
+        self.rate_hz = checked(rate_hz, "rate_hz", above=0.0)
         self.gravity_m_s2 = gravity_m_s2
-        self.capabilities = WorldCapabilities.of_drives(drives, rate_hz, senses=senses)
+        self.capabilities, self.senses = drives, senses
         self.beat: Callable[[], None] = lambda: None
 
     @classmethod
@@ -261,7 +214,7 @@ def check_world(world: Any) -> None:
         "robot": Robot,
         "servo": Servo,
         "drives": Drives,
-        "capabilities": WorldCapabilities,
+        "capabilities": Drives,
     }
     for attribute, type_ in types.items():
         if not isinstance(value := getattr(world, attribute, None), type_):

@@ -496,7 +496,7 @@ def scattered(level, rng):
         ),
         (
             ("plan", "own.py:plans:0.5"),
-            "family own.py:plans: expected a Family, or a function of a level and a gener",
+            "family own.py:plans: expected a function of a level and a generator",
         ),
         (
             ("warp", "own.py:scattered:0.5:1"),
@@ -504,7 +504,7 @@ def scattered(level, rng):
         ),
         (
             ("warp", "own.py:plans"),
-            "terrain own.py:plans: expected a height field, a Formula, or a function of x and ",
+            "terrain own.py:plans: expected a height field, or a function of x and ",
         ),
     ],
 )

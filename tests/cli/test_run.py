@@ -507,7 +507,7 @@ class Servos(JointBus):
         return cls(settings)
 
     def __init__(self, settings):
-        drives = replace(Drives.of(settings.robot.source.legs()), yields=False)
+        drives = replace(Drives.of(settings.robot.legs), yields=False)
         super().__init__(settings.robot, settings.servo, drives, settings.rate_hz or 40.0, senses=False)
 
     def connect(self, terrain, angles_rad, position_m, rotation):

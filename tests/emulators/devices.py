@@ -100,7 +100,7 @@ def start_of(path: Path) -> tuple[tuple[str, ...], Array]:
     from stancekit.planners.robot.robot_file import joint_names
 
     plan, _ = read_motion(path)
-    return joint_names(plan.problem.robot), plan_angles(plan)[0].angles
+    return joint_names(plan.problem.robot), plan_angles(plan)[0][0]
 
 
 def serve(where: dict[str, Any], device: Emulated, fault: str) -> int:

@@ -43,7 +43,7 @@ class MemoryWorld(JointBus):
         self, robot: Robot | None = None, *, found_rad: Array | None = None, rate_hz: float = 100.0
     ) -> None:
         robot = robot or hexapod()
-        drives = replace(Drives.of(robot.source.legs(Servo())), yields=False)
+        drives = replace(Drives.of(robot.legs_with(Servo())), yields=False)
         super().__init__(robot, Servo(), drives, rate_hz, senses=False)
         self.found_rad = found_rad
         self.torque_on = False

@@ -37,7 +37,7 @@ def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
     model = model_of(dressed(effort))
     toes = (
         np.array([leg.nominal_m - leg.radius_m * np.array([0.0, 0.0, 1.0]) for leg in model.legs])
-        - model.body.com_m
+        - model.com_m
     )
     feet = [
         Foot(
@@ -51,8 +51,8 @@ def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
     ]
     robot = Robot(
         name="quadruped",
-        mass_kg=model.body.mass_kg,
-        inertia_kgm2=model.body.inertia_kgm2,
+        mass_kg=model.mass_kg,
+        inertia_kgm2=model.inertia_kgm2,
         feet=tuple(feet),
         stand_height_m=model.stand_height_m,
         trunk_half_m=np.array([0.3, 0.125, 0.05]),

@@ -270,7 +270,7 @@ def test_what_carries_in_a_part_of_a_period_stands_in_it(leap: Accepted, motion:
 def test_loads_may_lead_beyond_the_limits_of_angles(leap: Accepted):
     robot = leap.robot
     with make_world("mujoco", robot) as world:
-        model = robot.source.own_model()
+        model = robot.own_model()
         stance = np.concatenate([leg.stance_rad for leg in model.legs])
         upper = np.minimum(world.drives.upper_rad, 9.0)
         world.connect((), stance, np.array([0.0, 0.0, 5.0]), np.eye(3))

@@ -44,7 +44,7 @@ def legged(legs: int, joints: int) -> Robot:
 
 @contextmanager
 def on_bus(own: Robot) -> Iterator[HardwareWorld]:
-    names = own.source.joint_names
+    names = own.joint_names
     start = nominal(own, port="none").shafts(names, np.zeros(len(names)))
     with EmulatedBus(range(1, 1 + len(names)), start.tolist()) as bus:
         calibration = replace(nominal(own, port=bus.path, watchdog_s=1.0), latency_ms=40.0)
@@ -54,7 +54,7 @@ def on_bus(own: Robot) -> Iterator[HardwareWorld]:
 
 @contextmanager
 def behind_ros(own: Robot) -> Iterator[HardwareWorld]:
-    names = own.source.joint_names
+    names = own.joint_names
     with (
         emulated(names, np.zeros(len(names))) as bridge,
         RosWorld(own, same_names(names, port=bridge.port, **QUICK)) as world,

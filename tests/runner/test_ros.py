@@ -34,7 +34,7 @@ def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:
             feet = Kinematics(ROBOT).feet(START) + np.array([0.0, 0.0, 0.2])
             np.testing.assert_allclose(state.feet_m, feet, atol=1e-9)
             assert not state.forces_n.any()
-            assert not world.capabilities.has_body_pose
+            assert not world.senses
             with refuses("arm"):
                 world.step(START)
         assert commands(bridge) == []

@@ -50,10 +50,10 @@ def model(text: str = "", **options: object) -> RobotModel:
 
 def robot(of: RobotModel) -> Robot:
     limbs = tuple(
-        Limb(name=leg.name, shoulder_m=leg.hip_m - of.body.com_m, reach_m=leg.chain.length_m)
+        Limb(name=leg.name, shoulder_m=leg.hip_m - of.com_m, reach_m=leg.chain.length_m)
         for leg in of.legs
     )
-    return Robot(name=of.name, mass_kg=of.body.mass_kg, limbs=limbs, model=of)
+    return Robot(name=of.name, mass_kg=of.mass_kg, limbs=limbs, model=of)
 
 
 def stance(of: RobotModel) -> Array:
@@ -75,7 +75,7 @@ def made(request: pytest.FixtureRequest) -> Callable[..., JointBus]:
 
 def dropped(world: JointBus, of: RobotModel, periods: int = 600, above_m: float = 0.001) -> State:
     """A robot in its stance, just above the ground, after a while."""
-    height = of.stand_height_m - float(of.body.com_m[2]) + above_m
+    height = of.stand_height_m - float(of.com_m[2]) + above_m
     state = world.connect(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))
     for _ in range(periods):
         state = world.step(stance(of))
@@ -89,10 +89,8 @@ def test_a_robot_of_a_file_stands_on_its_feet_with_its_weight(
     with made(of) as world:
         assert world.joints == tuple(name for leg in of.legs for name in leg.joint_names)
         state = dropped(world, of)
-    np.testing.assert_allclose(
-        state.forces_n.sum(axis=0), [0.0, 0.0, of.body.mass_kg * 9.81], atol=1.0
-    )
-    assert (state.forces_n[:, 2] > 0.1 * of.body.mass_kg * 9.81).all()
+    np.testing.assert_allclose(state.forces_n.sum(axis=0), [0.0, 0.0, of.mass_kg * 9.81], atol=1.0)
+    assert (state.forces_n[:, 2] > 0.1 * of.mass_kg * 9.81).all()
     assert state.bump_n == 0.0
     np.testing.assert_allclose(state.feet_m, feet(of, state), atol=1e-4)
     np.testing.assert_allclose(state.feet_m[:, 2], [leg.radius_m for leg in of.legs], atol=2e-3)
@@ -246,7 +244,7 @@ def test_feet_feel_late_what_they_touch(made: Callable[..., JointBus]) -> None:
     found = []
     for delay_s in (0.0, 0.02):
         with made(of, imperfections=Imperfections(felt_delay_s=delay_s)) as world:
-            height = of.stand_height_m - float(of.body.com_m[2]) + 0.001
+            height = of.stand_height_m - float(of.com_m[2]) + 0.001
             states = [world.connect(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
             states += [world.step(stance(of)) for _ in range(60)]
         found.append(np.array([state.forces_n for state in states]))
@@ -266,7 +264,7 @@ def test_feet_read_their_forces_as_wrongly_as_said(made: Callable[..., JointBus]
     found = []
     for imperfections in wrong:
         with made(of, imperfections=imperfections) as world:
-            height = of.stand_height_m - float(of.body.com_m[2]) + 0.001
+            height = of.stand_height_m - float(of.com_m[2]) + 0.001
             states = [world.connect(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
             states += [world.step(stance(of)) for _ in range(60)]
         found.append(np.array([state.forces_n for state in states]))
@@ -287,14 +285,14 @@ def test_a_heavier_robot_and_softer_loops_are_as_said() -> None:
         float(m.get("value", "0"))
         for m in ElementTree.fromstring(again.urdf).findall("link/inertial/mass")
     ]
-    assert sum(masses) == pytest.approx(1.15 * of.body.mass_kg)
+    assert sum(masses) == pytest.approx(1.15 * of.mass_kg)
     sunk, legs = [], Kinematics(robot(of))
     for share in (1.0, 0.7):
         with make_world(
             "mujoco", robot(of), imperfections=Imperfections(stiffness_share=share)
         ) as world:
             stands = dropped(world, of)
-            sunk.append(of.stand_height_m - float(of.body.com_m[2]) - stands.position_m[2])
+            sunk.append(of.stand_height_m - float(of.com_m[2]) - stands.position_m[2])
             loops = LoopStiffness(world.drives, 1.0, 100.0)
             torques = legs.torques(stands.angles_rad, stands.rotation, stands.forces_n)
             for _ in range(100):
@@ -321,7 +319,7 @@ def patch(lean_rad: float = 0.0) -> tuple[Patch, ...]:
 
 def stood(world: JointBus, terrain: Terrain, periods: int = 400) -> list[State]:
     """The states of the robot that is put on a terrain and keeps its joints."""
-    height = OF.stand_height_m - float(OF.body.com_m[2])
+    height = OF.stand_height_m - float(OF.com_m[2])
     lean = terrain[0].frame if not isinstance(terrain, Ground) else np.eye(3)[:, [2, 0, 1]]
     turn = lean[:, [1, 2, 0]]
     states = [world.connect(terrain, stance(OF), turn @ np.array([0.0, 0.0, height]), turn)]
@@ -345,13 +343,13 @@ def test_a_robot_at_rest_sinks_by_its_weight_over_the_stiffness_of_its_feet(
 ) -> None:
     with made(OF, contact=SoftContact(stiffness_n_m=stiffness_n_m)) as world:
         state = stood(world, terrain)[-1]
-    sinks = OF.body.mass_kg * GRAVITY / (len(OF.legs) * stiffness_n_m)
+    sinks = OF.mass_kg * GRAVITY / (len(OF.legs) * stiffness_n_m)
     if terrain is FLAT:  # a foot meets the cells beside it, too, the more the deeper it is
         assert depths(state).mean() == pytest.approx(sinks, rel=0.08)
     else:
         assert depths(state).mean() == pytest.approx(sinks, rel=0.02)
         np.testing.assert_allclose(depths(state), state.forces_n[:, 2] / stiffness_n_m, rtol=0.02)
-    assert state.forces_n[:, 2].sum() == pytest.approx(OF.body.mass_kg * GRAVITY, rel=0.01)
+    assert state.forces_n[:, 2].sum() == pytest.approx(OF.mass_kg * GRAVITY, rel=0.01)
 
 
 def test_a_robot_on_little_damped_ground_swings_and_on_damped_ground_does_not(

@@ -65,7 +65,6 @@ from stancekit.runner.motion.time_parametrization import (
 )
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds.drives import Drives
-from stancekit.runner.worlds.world import WorldCapabilities
 from tests.emulators.memory_world import MemoryWorld
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses
@@ -88,7 +87,7 @@ def seen(plan: Plan, kinematics: Kinematics) -> JointProfile:
     return joint_profile(plan_motion(plan), kinematics)
 
 
-def with_limits(**limits: float) -> WorldCapabilities:
+def with_limits(**limits: float) -> Drives:
     return replace(CAN, **{name: np.full(24, value) for name, value in limits.items()})  # type: ignore[arg-type]
 
 
@@ -164,7 +163,7 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
     kinematics = Kinematics(robot_of(model))
     drives = Drives.of(model)
     length_m = np.mean([leg.chain.length_m for leg in model.legs])
-    np.testing.assert_allclose(kinematics.rotor_kg_m2, 2e-4 * 9.81 * model.body.mass_kg * length_m)
+    np.testing.assert_allclose(kinematics.rotor_kg_m2, 2e-4 * 9.81 * model.mass_kg * length_m)
     np.testing.assert_array_equal(drives.rotor_kg_m2, kinematics.rotor_kg_m2)
     still, angles = np.zeros(len(drives.joints)), np.full(len(drives.joints), 0.3)
     rising = np.linspace(-50.0, 50.0, len(still))
@@ -435,16 +434,16 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
         motion = plan_motion(of, forces_n=distribute_forces(of, kinematics))
         return float(np.abs(joint_profile(motion, kinematics, rate_hz=20.0).static_nm).max())
 
-    assert largest(bent.plan) < 1.1 * bent.after.torque_nm
+    assert largest(bent.plan) < 1.1 * bent.torque_nm
     assert np.abs(path_torques(bent.plan, kinematics)[1]).max() <= 10.0
-    assert largest(replace(bent.plan, joints_rad=None)) > 1.2 * bent.after.torque_nm
+    assert largest(replace(bent.plan, joints_rad=None)) > 1.2 * bent.torque_nm
 
 
 def twisted(plan: Plan) -> Plan:
     """With its own angles, but for a limb that stands elsewhere at frame 1, and jumps there on the
     straight line.
     """
-    joints = np.array([answer.angles for answer in plan_angles(plan)])
+    joints, _, _ = plan_angles(plan)
     joints[1, 5:7] += [-2.0, 2.0]
     return replace(plan, joints_rad=joints)
 

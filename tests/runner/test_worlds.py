@@ -54,11 +54,11 @@ def standing() -> tuple[Array, Array]:
     """Angles, and targets that press with a sixth of the weight at every foot."""
     from stancekit.planners.robot.kinematics import Kinematics
 
-    up = np.tile([0.0, 0.0, 1.0], (6, 1))
-    answer = Kinematics(ROBOT).solve(
-        np.zeros(3), np.zeros(3), TOES, normals=up, forces_n=up * 98.1 / 6.0
+    up, kinematics = np.tile([0.0, 0.0, 1.0], (6, 1)), Kinematics(ROBOT)
+    angles, _, _ = kinematics.solve(np.zeros(3), np.zeros(3), TOES, normals=up)
+    return angles, angles + (
+        kinematics.torques(angles, np.eye(3), up * 98.1 / 6.0) / Servo().stiffness_nm_rad
     )
-    return answer.angles, answer.angles + answer.torques_nm / Servo().stiffness_nm_rad
 
 
 def stood(world: JointBus, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
@@ -246,7 +246,7 @@ def test_joints_that_turn_against_their_own_friction_are_where_they_are_sent(nam
     pytest.importorskip(MODULES[name][0])
     stiff = 'velocity="8"/><dynamics damping="4" friction="1"/>'
     robot = contact_robot(model_of(biped().replace('velocity="8"/>', stiff)))
-    model = robot.source.own_model()
+    model = robot.own_model()
     angles = np.concatenate([leg.stance_rad for leg in model.legs])
     rates = np.where(np.char.find(model.joint_names, "knee") >= 0, 0.5, 0.0)
     with make_world(name, robot, gravity_m_s2=1e-6) as world:

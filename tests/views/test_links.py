@@ -58,7 +58,7 @@ def test_links_and_feet_are_where_pinocchio_has_them() -> None:
     bodies = by_name(Links(model).bodies(COM, TURN, angles))
     whole = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     data, q = whole.createData(), pin.neutral(whole)
-    q[:3], q[3:7] = COM - TURN @ model.body.com_m, pin.Quaternion(TURN).coeffs()
+    q[:3], q[3:7] = COM - TURN @ model.com_m, pin.Quaternion(TURN).coeffs()
     for leg, its in zip(model.legs, angles, strict=True):
         for name, angle in zip(leg.joint_names, its, strict=True):
             q[whole.joints[whole.getJointId(name)].idx_q] = angle
@@ -74,7 +74,7 @@ def test_links_and_feet_are_where_pinocchio_has_them() -> None:
         foot = data.oMf[whole.getFrameId(leg.foot)].translation
         np.testing.assert_allclose(bodies[f"{leg.name} foot"].position_m, foot, atol=1e-9)
     trunk = points(bodies["base"])
-    np.testing.assert_allclose(trunk.mean(axis=0), COM - TURN @ model.body.com_m, atol=1e-9)
+    np.testing.assert_allclose(trunk.mean(axis=0), COM - TURN @ model.com_m, atol=1e-9)
     assert len(bodies) == 1 + 4 * 2  # the ball at the foot goes with the shank
 
 

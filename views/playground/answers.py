@@ -169,7 +169,7 @@ def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAns
     from stancekit.planners.search.flood import flood  # slow to import
 
     passage = scenario.question.local.passage()
-    if passage.robot.source.own or flood(passage) is None:
+    if passage.robot.own or flood(passage) is None:
         return answer
     return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
 

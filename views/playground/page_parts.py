@@ -406,9 +406,9 @@ def _torques(
         return [float("nan")] * count, [float("nan")] * count
     angles = now.angles_rad
     if angles is None:
-        angles = solver.solve(
+        angles, _, _ = solver.solve(
             now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near
-        ).angles
+        )
     torque = np.abs(solver.torques(angles, rotation_of(now.rotation_rad), now.forces_n))
     share = torque / solver.torque_nm
     worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]

@@ -220,7 +220,7 @@ def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[
             else {"at_m": _raised(each["at_m"], height - down)}
             for each in changed.get("via_m", ())
         ]
-    return changed, hexapod().mass_kg if robot == "hexapod" else model.body.mass_kg
+    return changed, hexapod().mass_kg if robot == "hexapod" else model.mass_kg
 
 
 def own_kg(spec: CourseSpec, folder: Path) -> float:
@@ -233,9 +233,9 @@ def _stands_m(keys: Mapping[str, Any], folder: Path) -> float:
     """Height of the centre of mass above its toes on the course as it is [m]; 0 between walls."""
     spec = spec_from(keys)
     robot = spec.make_robot(folder)
-    if not robot.source.own:
+    if not robot.own:
         return spec.stance.down_m
-    return -float(np.mean(standing_toes(robot.source.own_model())[:, 2]))
+    return -float(np.mean(standing_toes(robot.own_model())[:, 2]))
 
 
 def _raised(place: Any, by_m: float) -> Any:
@@ -668,7 +668,7 @@ class FixedScenario(Scenario):
                 to=lambda value: replace(self, friction=value),
             )
         ]
-        if not self.laid.robot.source.own:
+        if not self.laid.robot.own:
             own_kg = self.laid.robot.mass_kg
             mass = own_kg if self.mass_kg is None else self.mass_kg
             result.append(_of_mass(mass, own_kg, lambda value: replace(self, mass_kg=value)))

@@ -9,7 +9,7 @@ feasible iterate; and again.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol, Unpack
 
 from ...answer.report import Report
@@ -37,7 +37,7 @@ class Smoothing:
         rounds: most rounds.
         iterations: the solver's iterations on the cost in each.
         repair: the solver's iterations to become feasible again.
-        costs: weights of the terms, the first of the distance from the feasible point.
+        costs: weights of the distance from the feasible point, of acceleration and force rate.
         enough_g: a peak acceleration that needs no more rounds [g].
         gain: least share by which a round has to lower the peak for another one to follow, which
             takes about as long as the first feasible point did.
@@ -46,9 +46,7 @@ class Smoothing:
     rounds: int = 4
     iterations: int = 8
     repair: int = 40
-    costs: Costs = field(
-        default_factory=lambda: Costs(proximal=0.1, acceleration=0.3, force_rate=0.03)
-    )
+    costs: Costs = (0.1, 0.3, 0.03)
     enough_g: float = 0.35
     gain: float = 0.15
 

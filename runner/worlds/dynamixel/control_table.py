@@ -247,7 +247,7 @@ def nominal(robot: Robot, /, *, port: str, **settings: Any) -> Calibration:
     """
     current_a = round(MODELS[settings.get("model", "XM540-W270")].current_a / 2.0, 3)
     joints = dict[str, JointServo]()
-    for leg in robot.source.legs().legs:
+    for leg in robot.legs.legs:
         for joint in leg.joints:
             low, high = joint.lower_rad, joint.upper_rad
             far = 0 if max(-low, high) <= np.pi else round(0.5 * (low + high) / RAD)

@@ -26,7 +26,6 @@ from stancekit.planners.robot.robot_file import Servo, joint_names
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld, listed
 from ..settings import WorldSettings
-from ..world import WorldCapabilities
 from . import control_table as table
 from .bus import (
     BABBLE,
@@ -175,7 +174,7 @@ class DynamixelWorld(HardwareWorld):
         actuators: Actuators | None = None,
     ) -> None:
         drives = Drives.of(
-            robot.source.legs(servo or robot.servo),
+            robot.legs_with(servo or robot.servo),
             actuators or Actuators(joints={"*": calibration.model}),
         )
         stiffer = 1.0 if actuators is not None else calibration.p_gain / table.P_GAIN
@@ -318,7 +317,7 @@ class DynamixelWorld(HardwareWorld):
             time.sleep(0.5 * _AGAIN_S)
         raise HardwareFault(f"{seen}; {within}")
 
-    def _capable(self, *, replaced: bool) -> WorldCapabilities:
+    def _capable(self, *, replaced: bool) -> Drives:
         """The robot's own limits, the servos', and the calibration's, whichever are narrower; its
         file's torques count unless a person replaced them.
         """

@@ -554,7 +554,7 @@ class RosWorld(HardwareWorld):
         actuators: Actuators | None = None,
         estop: EstopCheck = "heard",
     ) -> None:
-        drives = Drives.of(robot.source.legs(servo or robot.servo), actuators)
+        drives = Drives.of(robot.legs_with(servo or robot.servo), actuators)
         known = actuators is not None and all(
             each.stiffness_nm_rad is not None for each in drives.actuators
         )

@@ -413,7 +413,7 @@ def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
     model, own = named_robot(dog), StandingRobot.of(dog).robot
     (problem,) = drawn("wall-3", 1, robot=dog)
     assert problem.robot.identity == model.identity
-    assert (problem.mass_kg, problem.tilt_limit_rad) == (model.body.mass_kg, 0.0)
+    assert (problem.mass_kg, problem.tilt_limit_rad) == (model.mass_kg, 0.0)
     for contact, limb in zip(problem.contacts, own.select(problem.legs), strict=True):
         assert contact.reach_rows is not None
         assert limb.reach_rows is not None

@@ -161,7 +161,7 @@ def test_the_environment_chooses_among_charts_and_terrains_of_ones_own(files: Pa
         ),
         (
             lambda: TERRAINS.get("ground.py:number"),
-            "terrain ground.py:number: expected a height field, a Formula, or ",
+            "terrain ground.py:number: expected a height field, or ",
         ),
         (
             lambda: named_terrain("ground.py"),

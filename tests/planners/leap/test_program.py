@@ -237,7 +237,7 @@ def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: LeapPlan, tmp_path):
 
     text = config_path("robots/anymal.urdf").read_text()
     (tmp_path / "slow.urdf").write_text(text.replace('velocity="12"', 'velocity="5"'))
-    model = leaping_robot(tmp_path / "slow.urdf").source.own_model()
+    model = leaping_robot(tmp_path / "slow.urdf").own_model()
     robot = replace(plan.problem.robot, model=model)
     answer = said(replace(plan, problem=replace(plan.problem, robot=robot)))
     assert answer.status is Status.UNDECIDED

@@ -240,7 +240,7 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
     model = model_of(quadruped())
     line = np.linspace(-3.0, 3.0, 61)
     terrain = HeightField(line, line, SLOPE * line[:, None] + 0.0 * line)
-    toes = np.array([leg.nominal_m - model.body.com_m for leg in model.legs])
+    toes = np.array([leg.nominal_m - model.com_m for leg in model.legs])
     feet = [
         Foot(
             name=leg.name,
@@ -253,8 +253,8 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
     ]
     robot = Robot(
         name="quadruped",
-        mass_kg=model.body.mass_kg,
-        inertia_kgm2=model.body.inertia_kgm2,
+        mass_kg=model.mass_kg,
+        inertia_kgm2=model.inertia_kgm2,
         feet=tuple(feet),
         stand_height_m=-float(toes[:, 2].mean()),
         trunk_half_m=np.array([0.3, 0.1, 0.05]),
@@ -294,7 +294,7 @@ def test_every_foot_touches_the_slope_where_the_walk_has_it() -> None:
         for leg, angles in zip(model.legs, legs, strict=True):
             for name, angle in zip(leg.joint_names, angles[k], strict=True):
                 q[whole.joints[whole.getJointId(name)].idx_q] = angle
-        q[:3] = walk.torso_m[k] - walk.rotation[k] @ model.body.com_m
+        q[:3] = walk.torso_m[k] - walk.rotation[k] @ model.com_m
         pin.framesForwardKinematics(whole, data, q)
         for leg, toe in zip(model.legs, walk.feet_m[k], strict=True):
             centre = data.oMf[whole.getFrameId(leg.foot)].translation

@@ -150,7 +150,7 @@ def test_at_the_places_that_are_left_of_candidates_no_leg_crosses_a_wall(tmp_pat
     com_m, solver = course.com_nominal_m, Kinematics(course.robot)
     clear = at_clear_places(course, com_m, np.zeros_like(com_m), 0.0)
     toes_m = np.array(course.standing_m)[0]
-    standing = solver.solve(np.zeros(3), np.zeros(3), toes_m).angles
+    standing = solver.solve(np.zeros(3), np.zeros(3), toes_m)[0]
 
     def crossing(of: Problem) -> int:
         count = 0

@@ -179,8 +179,8 @@ def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Plan) -> None:
     assert report.accepted, report.failures
     assert report.checked == ("contacts", "joints", "torque", "bodies", "motion")
     assert found.before.depth_m > 0.005
-    assert found.after.depth_m <= 0.001
-    assert found.after.share <= max(found.before.share, 1.0)
+    assert found.depth_m <= 0.001
+    assert found.share <= max(found.before.share, 1.0)
     looks = PathClearance(found.plan, Kinematics(beam.problem.robot))
     apart = looks.nearness(found.plan, 0.004).distance_m
     assert apart.min() >= 0.002  # half of what is wanted is enough
@@ -234,5 +234,5 @@ def test_links_that_come_too_near_to_each_other_are_bent_apart(
     monkeypatch.setattr(bodies, "ROOM_M", least + 0.0005)
     found = whole_body(plan, WholeBodyLimits(clearance_m=least + 0.003))
     assert found.before.too_near_m == pytest.approx(0.0005, abs=1e-6)
-    assert found.after.too_near_m == 0.0
+    assert found.too_near_m == 0.0
     assert check_plan(found.plan, joints=True).accepted

@@ -119,7 +119,7 @@ def test_a_climb_between_walls_is_within_its_torque_without_a_step_of_bending(
     limits = WholeBodyLimits(torque_nm=9.0)
     bent = whole_body.whole_body(climb, limits)
     assert bent.before.share > 1.5
-    assert bent.after.share <= 1.0
+    assert bent.share <= 1.0
     assert 1 <= bent.steps <= whole_body.SPARED
     monkeypatch.setattr(whole_body, "SPARED", 0)
     assert whole_body.whole_body(climb, limits).steps > bent.steps

@@ -39,22 +39,20 @@ def model(walker: Robot) -> RobotModel:
 def test_its_legs_weigh_and_stand_as_its_boxes(walker: Robot, model: RobotModel) -> None:
     boxes = anymal()
     assert model.leg_names == boxes.limb_names
-    assert model.body.mass_kg == pytest.approx(boxes.mass_kg, rel=1e-9)
-    np.testing.assert_allclose(model.body.inertia_kgm2, boxes.inertia_kgm2, atol=1e-9)
+    assert model.mass_kg == pytest.approx(boxes.mass_kg, rel=1e-9)
+    np.testing.assert_allclose(model.inertia_kgm2, boxes.inertia_kgm2, atol=1e-9)
     assert model.stand_height_m == pytest.approx(boxes.stand_height_m, abs=1e-9)
     for leg, foot in zip(model.legs, boxes.feet, strict=True):
-        np.testing.assert_allclose(leg.hip_m - model.body.com_m, foot.hip_m, atol=1e-9)
-        toe = leg.nominal_m - [0.0, 0.0, leg.radius_m] - model.body.com_m
+        np.testing.assert_allclose(leg.hip_m - model.com_m, foot.hip_m, atol=1e-9)
+        toe = leg.nominal_m - [0.0, 0.0, leg.radius_m] - model.com_m
         np.testing.assert_allclose(toe, foot.nominal_m, atol=1e-9)
     (trunk,) = [shape for shape in model.shapes if shape.link == "base" and shape.collides]
-    np.testing.assert_allclose(trunk.origin_m, model.body.com_m, atol=1e-9)
+    np.testing.assert_allclose(trunk.origin_m, model.com_m, atol=1e-9)
     np.testing.assert_allclose(0.5 * np.array(trunk.size_m), boxes.trunk_half_m, atol=1e-9)
     assert boxes.to_json() == {
         name: value for name, value in walker.to_json().items() if name != "model"
     }
-    assert [remark.text for remark in model.remarks] == [
-        "posture to stand in, from the SRDF: standing"
-    ]
+    assert [*model.guesses, *model.doubts] == ["posture to stand in, from the SRDF: standing"]
     assert {joint.torque_nm for leg in model.legs for joint in leg.joints} == {80.0}
     assert {joint.velocity_rad_s for leg in model.legs for joint in leg.joints} == {12.0}
 
@@ -72,7 +70,7 @@ def test_its_legs_reach_all_of_its_boxes(walker: Robot, model: RobotModel) -> No
         turn = rng.uniform(0.0, 2.0 * np.pi, len(toes))
         sine = np.sin(tilt)
         normals = np.column_stack([sine * np.cos(turn), sine * np.sin(turn), np.cos(tilt)])
-        centres = toes + leg.radius_m * normals + model.body.com_m
+        centres = toes + leg.radius_m * normals + model.com_m
         _, error = Seeds(leg, leg.random_angles(8000, rng)).solve(centres)
         assert error.max() < 1e-4, leg.name
 

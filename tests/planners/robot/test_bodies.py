@@ -59,10 +59,10 @@ def shape(
 
 def robot(model: RobotModel) -> Robot:
     limbs = tuple(
-        Limb(name=leg.name, shoulder_m=leg.hip_m - model.body.com_m, reach_m=leg.chain.length_m)
+        Limb(name=leg.name, shoulder_m=leg.hip_m - model.com_m, reach_m=leg.chain.length_m)
         for leg in model.legs
     )
-    return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
+    return Robot(name=model.name, mass_kg=model.mass_kg, limbs=limbs, model=model)
 
 
 def bodies(shapes: Sequence[Shape], *patches: Patch, **changes: object) -> Bodies:

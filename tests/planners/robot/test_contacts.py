@@ -45,7 +45,7 @@ def test_a_mesh_of_a_ball_is_a_foot_of_its_radius(tmp_path: Path) -> None:
         np.testing.assert_allclose(
             leg.chain.tip_m, ankle.origin_m + ankle.rotation @ MIDDLE, atol=1e-6
         )
-    assert any(remark.text.startswith("balls for LF_FOOT, RF_FOOT") for remark in model.remarks)
+    assert any(text.startswith("balls for LF_FOOT, RF_FOOT") for text in model.guesses)
     again = model_of(
         model.urdf, feet={leg.name: leg.foot for leg in model.legs}
     )  # as a plan's file has it
@@ -110,7 +110,7 @@ def test_bodies_keep_their_hulls_beside_feet_that_become_balls(tmp_path: Path) -
         text, folder=tmp_path, contacts={"*_FOOT": FootContact(point_m=np.zeros(3), radius_m=0.01)}
     )
     meshes = [shape for shape in model.shapes if shape.kind == "mesh"]
-    assert any(remark.text.startswith("balls for") for remark in model.remarks)
+    assert any(text.startswith("balls for") for text in model.guesses)
     assert len(meshes) == 24
     assert [shape.corners_m is not None for shape in meshes] == [shape.collides for shape in meshes]
 

@@ -30,7 +30,7 @@ def test_flat_feet_are_soles_on_which_two_alike_legs_stand_level_with_bent_knees
     assert 0.5 < left.stance_rad[3] < 0.8
     level = left.chain.frames(left.stance_rad[None])[0][0, -1] @ left.sole.rotation
     np.testing.assert_allclose(level, np.eye(3), atol=1e-4)
-    assert any("0.160 × 0.080 m" in remark.text for remark in model.remarks)
+    assert any("0.160 × 0.080 m" in text for text in model.guesses)
     with refuses("robot biped", "soles"):
         limbs_over(model, "outer")
 
@@ -111,7 +111,7 @@ def test_toes_hang_down_in_the_air_where_ankles_have_no_room_and_stay_off_the_st
     air = moments.foothold < 0
     assert 0.1 < moments.ups[air][:, 0].max() < 0.6
     np.testing.assert_allclose(moments.ups[~air], [[0.0, 0.0, 1.0]] * (~air).sum(), atol=1e-9)
-    sole = body.source.own_model().legs[0].sole
+    sole = body.own_model().legs[0].sole
     ups = moments.ups[air] / np.linalg.norm(moments.ups[air], axis=1)[:, None]
     ahead = np.cross([0.0, 1.0, 0.0], ups)
     corners = moments.feet_m[air][:, None] + np.einsum("k,ti->tki", sole.points_m[:, 0], ahead)

@@ -92,8 +92,8 @@ def test_the_model_comes_back_as_it_was_from_the_file_alone(
         np.testing.assert_array_equal(
             mine.chain.feet(mine.stance_rad[None]), its.chain.feet(its.stance_rad[None])
         )
-    np.testing.assert_array_equal(read.body.com_m, model.body.com_m)
-    np.testing.assert_array_equal(Problem.from_json(written).robot.origin_m, model.body.com_m)
+    np.testing.assert_array_equal(read.com_m, model.com_m)
+    np.testing.assert_array_equal(Problem.from_json(written).robot.origin_m, model.com_m)
     assert Problem.from_json(written).to_json() == written
 
 
@@ -215,10 +215,10 @@ def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_ow
     drawn = robot.legs
     assert drawn.digest == named_robot("hexapod").digest
     assert tuple(name for leg in drawn.legs for name in leg.joint_names) == joint_names(robot)
-    np.testing.assert_array_equal(robot.source.foot_radii_m, [FOOT_RADIUS_M] * 6)
+    np.testing.assert_array_equal(robot.foot_radii_m, [FOOT_RADIUS_M] * 6)
     np.testing.assert_array_equal(robot.origin_m, np.zeros(3))
     assert course.robot.legs is course.robot.model
-    np.testing.assert_array_equal(course.robot.source.foot_radii_m, [0.02] * 3)
+    np.testing.assert_array_equal(course.robot.foot_radii_m, [0.02] * 3)
     few = tuple(replace(limb, reach_m=0.1) for limb in robot.limbs[:2])
     small = Robot(name="crab", mass_kg=2.0, limbs=few, drawn=Servo())
     for leg, limb in zip(small.legs.legs, small.limbs, strict=True):

@@ -84,7 +84,7 @@ def test_every_posture_of_the_whole_robot_is_within_its_outer_sets(robot: RobotM
 def test_sets_about_the_standing_centre_do_not_hold_a_robot_whose_legs_are_heavy() -> None:
     robot = model_of(ROBOTS["heavy legs"], where="heavy legs")
     feet, centres = postures(robot, 1500)
-    away, normals = feet - centres[:, None] + robot.body.com_m, directions_of()
+    away, normals = feet - centres[:, None] + robot.com_m, directions_of()
     held = [
         np.all(away[:, i] @ normals.T <= foot_cloud(leg).supports(normals))
         for i, leg in enumerate(robot.legs)

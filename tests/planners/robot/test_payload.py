@@ -22,17 +22,17 @@ pytest.importorskip("pinocchio")
 
 def test_the_body_has_the_difference_and_the_centre_of_mass_is_the_weighted_mean() -> None:
     plain = model_of(quadruped())
-    loaded = with_mass(plain, plain.body.mass_kg + 6.0)
-    assert loaded.body.mass_kg == pytest.approx(plain.body.mass_kg + 6.0)
+    loaded = with_mass(plain, plain.mass_kg + 6.0)
+    assert loaded.mass_kg == pytest.approx(plain.mass_kg + 6.0)
     # the payload is at the trunk's own centre of mass, its origin
-    expected = plain.body.mass_kg * plain.body.com_m / loaded.body.mass_kg
-    assert loaded.body.com_m == pytest.approx(expected, abs=1e-9)
+    expected = plain.mass_kg * plain.com_m / loaded.mass_kg
+    assert loaded.com_m == pytest.approx(expected, abs=1e-9)
     assert loaded.digest != plain.digest
     assert loaded.leg_names == plain.leg_names
     for one, other in zip(loaded.legs, plain.legs, strict=True):
         assert one.stance_rad == pytest.approx(other.stance_rad)
     again = model_from_json(ModelJson(**model_to_json(loaded)), loaded.name)
-    assert again.body.mass_kg == pytest.approx(loaded.body.mass_kg)
+    assert again.mass_kg == pytest.approx(loaded.mass_kg)
 
 
 @pytest.mark.parametrize("mass_kg", [0.0, 1.0])
@@ -46,7 +46,7 @@ def test_a_course_says_the_mass_of_its_robots_file_and_its_plan_is_read_again(
 ) -> None:
     (tmp_path / "robot.urdf").write_text(quadruped())
     plain = model_of(quadruped())
-    mass = plain.body.mass_kg + 3.0
+    mass = plain.mass_kg + 3.0
     height = plain.stand_height_m
     (tmp_path / "course.yaml").write_text(
         f"{{name: load, robot: robot.urdf, mass_kg: {mass}, frames: 3, gait: wave, start_m: [0, 0, {height}], "

@@ -14,7 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_model, named_robot
-from stancekit.planners.robot.robot_model import Remark, RobotModel, model_of
+from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.urdf_reader import JointCorrection
 from tests.planners.robot.link_frames import link_frames
 from tests.planners.robot.small_urdfs import (
@@ -43,15 +43,15 @@ ORDERS = [
 
 
 def texts(model: RobotModel, kind: str) -> list[str]:
-    return [remark.text for remark in model.remarks if remark.kind == kind]
+    return list(model.guesses if kind == "guess" else model.doubts)
 
 
 def test_the_hexapods_urdf_agrees_with_the_hexapod() -> None:
     model, robot_, servo = hexapod_model(), hexapod(), Servo()
     assert model.name == robot_.name
     assert model.leg_names == robot_.limb_names
-    assert model.body.mass_kg == pytest.approx(robot_.mass_kg, rel=1e-9)
-    assert model.remarks == ()
+    assert model.mass_kg == pytest.approx(robot_.mass_kg, rel=1e-9)
+    assert model.guesses == model.doubts == ()
     for each, limb in zip(model.legs, robot_.limbs, strict=True):
         np.testing.assert_allclose(each.hip_m, limb.shoulder_m, atol=1e-9)
         assert each.radius_m == FOOT_RADIUS_M
@@ -114,7 +114,7 @@ def test_legs_and_feet_are_found_and_the_guess_is_marked() -> None:
         "legs and feet, by their shape and names: LF (LF_FOOT), RF (RF_FOOT)"
     )
     assert texts(model, "guess")[1] == "posture to stand in, of LF, RF, LH, RH"
-    assert model.body.mass_kg == pytest.approx(10.0 + 3.0 + 4 * 3.1)
+    assert model.mass_kg == pytest.approx(10.0 + 3.0 + 4 * 3.1)
     for each in model.legs:
         assert np.all((each.lower_rad <= each.stance_rad) & (each.stance_rad <= each.upper_rad))
         assert -0.55 < each.nominal_m[2] < -0.3
@@ -128,9 +128,9 @@ def test_centre_of_mass_and_inertia_are_those_of_the_links() -> None:
         for name, angle in zip(each.joint_names, each.stance_rad, strict=True):
             q[known.joints[known.getJointId(name)].idx_q] = angle
     np.testing.assert_allclose(
-        model.body.com_m, pin.centerOfMass(known, known.createData(), q), atol=1e-12
+        model.com_m, pin.centerOfMass(known, known.createData(), q), atol=1e-12
     )
-    assert np.linalg.eigvalsh(model.body.inertia_kgm2)[0] > 0.0
+    assert np.linalg.eigvalsh(model.inertia_kgm2)[0] > 0.0
 
 
 def test_links_are_where_pinocchio_has_them() -> None:
@@ -368,9 +368,9 @@ def test_a_yaml_file_names_a_urdf_and_corrects_it(tmp_path: Path) -> None:
     assert model.legs[0].joint_names == ("LF_HAA", "LF_HFE", "LF_KFE")
     assert model.legs[2].upper_rad[0] == 0.3
     assert model.legs[1].stance_rad.tolist() == [0.0, 0.6, -1.2]
-    (held,) = model.remarks  # of a leg that the file does not name
-    assert held.kind == "guess"
-    assert "RH_KFE held at -0.3" in held.text
+    (held,) = model.guesses  # of a leg that the file does not name
+    assert not model.doubts
+    assert "RH_KFE held at -0.3" in held
 
 
 def test_a_robot_that_lies_on_its_side_is_put_upright(tmp_path: Path) -> None:
@@ -447,7 +447,7 @@ def test_joints_that_no_leg_has_rest_where_plans_take_them_to_be(text: str, gap:
     assert len(model.legs) == 4
     assert model.gaps == ((gap,) if gap else ())
     if gap:
-        assert Remark(kind="doubt", text=gap) in model.remarks
+        assert gap in model.doubts
         with refuses("robot quadruped", "joint wag"):
             model.check_known()
 
@@ -462,7 +462,7 @@ def test_joints_that_no_leg_has_rest_where_plans_take_them_to_be(text: str, gap:
 def test_joints_that_cannot_rest_at_0_are_held_where_they_can(limits: str, follows: str) -> None:
     model = model_of(tail(limits, follows))
     assert model.gaps == ()
-    assert any("joint wag held at 3" in remark.text for remark in model.remarks)
+    assert any("joint wag held at 3" in text for text in model.guesses)
     tail_joint = next(joint for joint in model.tree.findall("joint") if joint.get("name") == "wag")
     assert tail_joint.get("type") == "fixed"
     assert model.legs[0].joint_names == model_of(quadruped()).legs[0].joint_names
@@ -472,7 +472,7 @@ def test_joints_that_cannot_rest_at_0_are_held_where_they_can(limits: str, follo
 def test_a_joint_above_two_legs_is_a_waist_and_held(feet: tuple[str, ...]) -> None:
     model = model_of(TWO_FEET, feet=feet)
     assert [len(leg.joints) for leg in model.legs] == [3, 3]
-    assert any("waist_yaw held" in remark.text for remark in model.remarks)
+    assert any("waist_yaw held" in text for text in model.guesses)
 
 
 def limited(lower: str, upper: str) -> str:

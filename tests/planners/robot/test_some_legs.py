@@ -29,9 +29,9 @@ def test_the_legs_that_stand_are_the_robots_own_and_the_others_weigh(ant: Robot)
     three = some(ant, ("LF", "LH", "RM"))
     assert three.limb_names == ("LF", "LH", "RM")
     own, its = ant.legs, three.legs
-    np.testing.assert_allclose(its.body.com_m, own.body.com_m, atol=1e-12)
-    np.testing.assert_allclose(its.body.inertia_kgm2, own.body.inertia_kgm2, atol=1e-12)
-    assert its.body.mass_kg == pytest.approx(own.body.mass_kg, rel=1e-12)
+    np.testing.assert_allclose(its.com_m, own.com_m, atol=1e-12)
+    np.testing.assert_allclose(its.inertia_kgm2, own.inertia_kgm2, atol=1e-12)
+    assert its.mass_kg == pytest.approx(own.mass_kg, rel=1e-12)
     whole, solver = Kinematics(ant), Kinematics(three)
     stands = np.isin(whole.joints, solver.joints)
     angles = np.concatenate([leg.stance_rad for leg in own.legs])
@@ -41,7 +41,7 @@ def test_the_legs_that_stand_are_the_robots_own_and_the_others_weigh(ant: Robot)
         solver.loads(angles[stands], np.eye(3)), whole.loads(angles, np.eye(3)), strict=True
     ):
         np.testing.assert_allclose(mine, others[stands], atol=1e-9)
-    np.testing.assert_allclose(solver.com_offset(angles[stands]), own.body.com_m, atol=1e-12)
+    np.testing.assert_allclose(solver.com_offset(angles[stands]), own.com_m, atol=1e-12)
 
 
 def test_shapes_of_legs_that_do_not_stand_are_left_out(ant: Robot) -> None:
@@ -59,7 +59,7 @@ def test_all_legs_are_the_robot_itself(ant: Robot) -> None:
 def test_legs_are_drawn_up_for_the_limbs_that_stand() -> None:
     three = some(hexapod(), ("LM", "RF", "RR"))
     assert len(three.legs.joint_names) == 12
-    assert three.legs.body.mass_kg == pytest.approx(10.0)
+    assert three.legs.mass_kg == pytest.approx(10.0)
 
 
 def test_limbs_without_legs_are_refused() -> None:

@@ -87,7 +87,7 @@ def test_toes_in_the_boxes_are_reached_whichever_way_the_ground_faces(walker: Ro
         toes = rng.uniform(foot.reach_min_m, foot.reach_max_m, (1000, 3))
         normals = rng.normal(size=(1000, 3))
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        centres = toes + each.radius_m * normals + model.body.com_m
+        centres = toes + each.radius_m * normals + model.com_m
         _, error = Seeds(each, each.random_angles(8000, rng)).solve(centres)
         assert np.mean(error > 1e-4) <= 0.006
         assert np.prod(foot.reach_max_m - foot.reach_min_m) > 0.002
@@ -232,7 +232,7 @@ def test_a_robot_that_stands_with_straight_legs_walks_with_bent_ones(walker: Rob
     heights = [foot.nominal_m[2] for foot in straight.feet]
     assert np.mean(heights) == pytest.approx(-straight.stand_height_m)
     for foot, each in zip(straight.feet, model.legs, strict=True):
-        np.testing.assert_allclose(foot.nominal_m[:2], (each.nominal_m - model.body.com_m)[:2])
+        np.testing.assert_allclose(foot.nominal_m[:2], (each.nominal_m - model.com_m)[:2])
         assert (
             min(*(foot.reach_max_m - foot.nominal_m), *(foot.nominal_m - foot.reach_min_m)) > 0.01
         )

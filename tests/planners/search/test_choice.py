@@ -10,7 +10,7 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.search.answer import Clock
-from stancekit.planners.search.choice import ChoiceSearch, SearchLimits, _preference, nearest
+from stancekit.planners.search.choice import ChoiceSearch, _preference, nearest
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate
 from tests.refusals import assert_names
@@ -88,9 +88,7 @@ def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_spea
     counts = np.array([len(put.candidates) for put in course.footholds])
     assert counts.min() == 1
     assert counts.max() == 3
-    search = ChoiceSearch(
-        programs, scaled, lambda *_: None, SearchLimits(max_nodes=1), Clock.start(1.0)
-    )
+    search = ChoiceSearch(programs, scaled, lambda *_: None, Clock.start(1.0), max_nodes=1)
     cuts = search._cuts
     cuts.tables = np.tile(
         np.where(scaled.opened() > 0.0, 1.0, np.inf), (20, 1, 1)

@@ -142,7 +142,7 @@ def test_a_push_that_nothing_depends_on_is_looked_for_no_longer_than_the_plan_to
 ) -> None:
     now, given = [0.0], list[float]()
     plan = walk()
-    assert not plan.problem.robot.source.own
+    assert not plan.problem.robot.own
 
     @dataclass(frozen=True, kw_only=True)
     class Slow(Method):

@@ -16,7 +16,7 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search import two_stage
-from stancekit.planners.search.answer import Acceptance, Claim, Clock
+from stancekit.planners.search.answer import Acceptance, Clock
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner, settings_of
 from stancekit.planners.search.two_stage import TwoStage
@@ -199,7 +199,8 @@ def test_no_claim_is_believed(truth):
     accept = Acceptance().answer
     refused = accept(
         one,
-        Claim(certificate=wrong.certificate, word="infeasible"),
+        certificate=wrong.certificate,
+        word="infeasible",
         method="liar",
         clock=Clock.start(),
     )
@@ -208,7 +209,7 @@ def test_no_claim_is_believed(truth):
     assert_names(refused.message, "certificate", "leaf 0")
     witness = next(o.solution for _, o in truth if o.status is Status.FEASIBLE)
     both = accept(
-        one, Claim(plan=witness, certificate=right.certificate), method="liar", clock=Clock.start()
+        one, plan=witness, certificate=right.certificate, method="liar", clock=Clock.start()
     )
     assert both.status is Status.INFEASIBLE
     assert both.solution is None

@@ -17,7 +17,7 @@ from stancekit.planners.projection.project import PROJECTIONS, cost
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.search import nogoods
-from stancekit.planners.search.answer import Acceptance, Claim, Clock
+from stancekit.planners.search.answer import Acceptance, Clock
 from stancekit.planners.search.two_stage import TwoStage, decide
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import assert_names, refuses
@@ -148,7 +148,7 @@ def test_no_claim_about_a_course_is_believed(climb, planner):
     assert (refuted.status, other.status) == (Status.INFEASIBLE, Status.INFEASIBLE)
 
     def accept(seed, **said):
-        return Acceptance().answer(climb(seed), Claim(**said), method="liar", clock=Clock.start())
+        return Acceptance().answer(climb(seed), method="liar", clock=Clock.start(), **said)
 
     wrong = accept(1, certificate=refuted.certificate)
     assert (wrong.status, wrong.certificate) == (Status.UNDECIDED, None)

@@ -114,7 +114,7 @@ def test_joints_without_limits_are_not_checked_by_them(plan: LeapPlan, was: str,
 
     text = config_path("robots/anymal.urdf").read_text()
     (tmp_path / "other.urdf").write_text(text.replace(was, was.split('"')[0] + '"0"'))
-    model = leaping_robot(tmp_path / "other.urdf").source.own_model()
+    model = leaping_robot(tmp_path / "other.urdf").own_model()
     robot = replace(plan.problem.robot, model=model)
     report = check_leap(replace(plan, problem=replace(plan.problem, robot=robot)), body=True)
     assert report.unchecked == groups

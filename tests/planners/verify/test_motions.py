@@ -421,7 +421,7 @@ def test_a_column_that_the_others_contradict_is_refused(
 
 def test_torques_are_worked_out_where_the_file_says_none_or_zeros(moved: Moved) -> None:
     assert moved.robot is not None
-    model = moved.robot.source.own_model()
+    model = moved.robot.own_model()
     weak = replace(
         moved.robot,
         model=replace(

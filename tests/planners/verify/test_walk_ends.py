@@ -85,7 +85,7 @@ def test_a_walk_ends_with_the_heading_asked_for_and_turns_the_shorter_way(
     otherwise = check_trajectory(walk.asked(heading_end_rad=end - 0.1), body=False)
     assert [group.name for group in otherwise.refused] == ["heading"]
     assert check_trajectory(walk.asked(heading_end_rad=end + full), body=False).accepted
-    turned = gait_motion(walk, walk.robot.source.foot_radii_m).at(np.linspace(0.0, 3.0, 50))
+    turned = gait_motion(walk, walk.robot.foot_radii_m).at(np.linspace(0.0, 3.0, 50))
     ahead = continued(turned.rotation_rad)
     assert ahead[:, 2] - ahead[0, 2] == pytest.approx(
         np.unwrap(turned.rotation_rad[:, 2]) - ahead[0, 2], abs=1e-6

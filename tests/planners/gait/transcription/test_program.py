@@ -20,7 +20,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.gait.gait_program import Costs, GaitProgram, GaitSolution
+from stancekit.planners.gait.gait_program import GaitProgram, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.gait.transcription.taylor import Jets, SnappedMap, TaylorMap
 from stancekit.planners.gait.variables import sampled
@@ -303,7 +303,7 @@ def test_lbfgs_finds_a_walk_by_other_iterates_than_the_exact_hessian(
 
 def test_a_second_phase_lowers_the_cost_it_is_given(walked: Walked) -> None:
     program, first = walked()
-    weights = Costs(proximal=0.1, acceleration=1.0, force_rate=0.1)
+    weights = (0.1, 1.0, 0.1)
     second = program.solve(
         first.x, costs=weights, reference=first.x, stop_when_feasible=False, max_iterations=8
     )
