@@ -70,7 +70,7 @@ def lay_heights(spec: Any, surface: Surface, walk: Samples, share: float, contac
         type=mujoco.mjtGeom.mjGEOM_HFIELD,
         hfieldname="heights",
         pos=[float(x.mean()), float(y.mean()), low],
-        **geometry(share * walk.problem.friction, contact),
+        **geometry(share * walk.friction, contact),
     )
 
 

@@ -252,7 +252,7 @@ def of_walk(walk: Samples, surface: Surface, radii_m: Array, settings: Settings)
         forces_n=between(walk.forces_n),
         stands=walk.contact[before],
         normals=normals,
-        friction=np.full(feet.shape[:2], walk.problem.friction),
+        friction=np.full(feet.shape[:2], walk.friction),
         near={},
         dynamic=True,
         stances={},

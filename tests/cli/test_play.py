@@ -108,7 +108,7 @@ def test_the_proof_of_a_course_is_drawn_and_played(tmp_path: Path, stancekit):
     save(answer.certificate, tmp_path / "proof.json")
     assert Play(course=str(tmp_path / "proof.json"))._scenario(None).laid.frames == 2
     words = [text.get_text() for axes in draw(answer).axes for text in axes.texts]
-    assert [word for word in words if word.startswith("LF: wrench 4000 N, holds at most")]
+    assert [word for word in words if word.startswith("LF, LR, RM: wrench 4000 N, holds at most")]
     stancekit("picture", str(tmp_path / "proof.json"), "--out", str(tmp_path / "why.png"))
     assert (tmp_path / "why.png").stat().st_size > 10_000
 

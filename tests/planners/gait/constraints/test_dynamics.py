@@ -321,8 +321,7 @@ def trajectory(x: np.ndarray, chart: str) -> Trajectory:
         feet_m=at.feet_m,
         forces_n=at.forces_n,
         contact=at.contact,
-        terrain=task.terrain,
-    )
+    ).asked(terrain=task.terrain)
 
 
 @pytest.mark.parametrize("chart", ["decoupled", "ambient"])
