@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1360, 16756),
-    "cli": (3335, 39488),
+    "api": (1359, 16751),
+    "cli": (3330, 39469),
     "configs": (3, 30),
     "envs": (3129, 42904),
-    "learners": (5265, 77780),
-    "planners": (35376, 581159),
+    "learners": (5266, 77801),
+    "planners": (35375, 581210),
     "runner": (6650, 91108),
-    "views": (4317, 69562),
+    "views": (4309, 69511),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
