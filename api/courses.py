@@ -142,8 +142,13 @@ def plan(
     if isinstance(course, str | Path) and is_leap_file(course):
         course, robot = _read_leap(course, robot), None
     if isinstance(course, Leap):
-        others = {"start": start, "goal": goal, "frames": frames, "robot": robot}
-        return _leap(course, method, settings, others, time_limit_s)
+        return _leap(
+            course,
+            method,
+            settings,
+            {"start": start, "goal": goal, "frames": frames, "robot": robot},
+            time_limit_s,
+        )
     if isinstance(method, LeapFinder):
         raise InvalidInput(
             f"method: expected one of courses, got a LeapFinder for a {type(course).__name__}"

@@ -436,8 +436,6 @@ def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
     """Judge every walk of a folder, and write against.json where the cells are; exit code 0
     whatever the verdicts.
     """
-    from rich.console import Console
-
     from stancekit.learners.evaluation import gait_bench
     from stancekit.planners.files.writing import make_folder, write_text
 
@@ -552,8 +550,6 @@ class BenchGait:
 
         if self.against is not None:
             return judge(self.against, self.out or Path("out/bench-gait"), as_json=self.json)
-        from rich.console import Console
-
         from stancekit.learners.evaluation import gait_bench
         from stancekit.planners.files.writing import make_folder, write_text
 

@@ -131,8 +131,11 @@ class LabelPostures:
                     raise InvalidInput(f"--{name}: expected none with {of}, got {setting}")
             few = not leaps and sum(self._rows()) <= _FEW
             usual = 1 if few else max(os.cpu_count() or 1, 1)
-            workers = usual if self.workers is None else self.workers
-            where = executor(self.executor, workers=workers, address=self.address)
+            where = executor(
+                self.executor,
+                workers=usual if self.workers is None else self.workers,
+                address=self.address,
+            )
             with progress(f"label {self.problem}, rows written") as bar:
                 record, remarks = self._leaps(where, bar) if leaps else self._postures(where, bar)
         if self.json:

@@ -95,8 +95,11 @@ class ShowTerrain:
             from stancekit.views.terrain import foothold_motion
 
             write_page(self.html, foothold_motion(footholds, places))
-        is_file = Path(self.terrain).exists() and ".py" not in self.terrain
-        axes = dict(zip("xyz", self.file.asked().axes, strict=True)) if is_file else {}
+        axes = (
+            dict(zip("xyz", self.file.asked().axes, strict=True))
+            if Path(self.terrain).exists() and ".py" not in self.terrain
+            else {}
+        )
         if self.json:
             emit({**footholds.to_json(), **({"axes": axes} if axes else {})})
             return 0

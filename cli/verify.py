@@ -192,6 +192,13 @@ def _groups(report: Report[Any]) -> Table:
         share = "" if group.unit == "1" else f" {group.unit}"
         at = "" if group.when is None else f", {group.when:.2f} s"
         place = f"{group.where}{at}".removeprefix(", ")
-        used = f"{group.value:.3g} of {group.limit:g}{share}"
-        rows.append((group.name, group.verdict, used, place, group.message))
+        rows.append(
+            (
+                group.name,
+                group.verdict,
+                f"{group.value:.3g} of {group.limit:g}{share}",
+                place,
+                group.message,
+            )
+        )
     return grid([("", {})] * 5, rows, box=None, show_header=False)

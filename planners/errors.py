@@ -164,12 +164,14 @@ def _checkout() -> Path | None:
 
 @contextmanager
 def located(where: str) -> Iterator[None]:
-    """What is refused within says where: this stands before it unless it begins so already."""
+    """What is refused within says where: this stands before it unless it begins with it, or with the
+    file that it begins with, already.
+    """
     try:
         yield
     except InvalidInput as error:
-        told = str(error)
-        raise (error if told.startswith(where) else InvalidInput(f"{where}: {told}")) from None
+        told, file = str(error), where.partition(": ")[0]
+        raise (error if told.startswith(file) else InvalidInput(f"{where}: {told}")) from None
 
 
 def check_time(deadline: float) -> None:

@@ -488,8 +488,10 @@ def draw_motion(
     made = trajectory.provenance.get("chart", "")
     length = float(np.linalg.norm(np.diff(trajectory.torso_m, axis=0), axis=1).sum())
     verdict = "not verified" if report is None else report.message
-    way = f"{length:.2f} m in {trajectory.duration_s:g} s   ·   friction {trajectory.problem.friction:g}"
-    words = wrapped(f"{way}   ·   {verdict}")
+    words = wrapped(
+        f"{length:.2f} m in {trajectory.duration_s:g} s   ·   friction "
+        f"{trajectory.problem.friction:g}   ·   {verdict}"
+    )
     headline(
         figure, caption or view.title + (f", {made}" if made else ""), words, alarm=_refused(report)
     )

@@ -240,8 +240,10 @@ class LeapView(View):
         key = (*normal.round(6).tolist(), round(friction, 6))
         if key not in self._cones:
             frame = contact_frames(normal, np.eye(3)[np.argmin(np.abs(normal))])
-            shape = cone(min(friction, 4.0), frame, 0.3 * self.shape.size_m)
-            self._cones[key] = len(self._cones), shape
+            self._cones[key] = (
+                len(self._cones),
+                cone(min(friction, 4.0), frame, 0.3 * self.shape.size_m),
+            )
         return self._cones[key]
 
     _cones = cached_property(lambda self: dict[tuple[float, ...], tuple[int, Mesh]]())

@@ -177,8 +177,10 @@ class View(ABC):
 
     def force_labels(self, now: Samples) -> list[Label]:
         """Every limb with its force."""
-        limbs = zip(self.shape.limbs, now.toes_m, now.forces_n, strict=True)
-        return [force_label(k, *limb) for k, limb in enumerate(limbs)]
+        return [
+            force_label(k, *limb)
+            for k, limb in enumerate(zip(self.shape.limbs, now.toes_m, now.forces_n, strict=True))
+        ]
 
     def forces(self, now: Samples, *, prefix: str = "") -> list[Arrow]:
         """Arrows of the forces of the feet that stand and are loaded."""
@@ -475,8 +477,12 @@ class PlanView(View):
 
     def names(self, now: Samples) -> Scene:
         """The goal, and every limb with its force."""
-        goal = Label(name="goal", position_m=self.plan.problem.goal_m, text="goal", colour=GOAL)
-        return Scene(labels=[goal, *self.force_labels(now)])
+        return Scene(
+            labels=[
+                Label(name="goal", position_m=self.plan.problem.goal_m, text="goal", colour=GOAL),
+                *self.force_labels(now),
+            ]
+        )
 
     def scene(self, frame: int) -> Scene:
         """The whole picture, the robot in full at one key frame and as ghosts at some others."""

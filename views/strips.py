@@ -91,8 +91,9 @@ def plan_strips(plan: Plan, motion: Played) -> list[Strip]:
     Arguments:
         motion: the plan's, through its key frames.
     """
-    yields_m = verdict_yields_m(plan)
-    pushes_n = stance_margins(plan, ("push_n",), yields_m=yields_m, unknown=np.nan)["push_n"]
+    pushes_n = stance_margins(plan, ("push_n",), yields_m=verdict_yields_m(plan), unknown=np.nan)[
+        "push_n"
+    ]
     now = motion.at(np.linspace(0.0, motion.duration_s, 400))
     light_n = 1e-3 * plan.problem.weight_n  # a foot that presses with less is not loaded
     cone_n = np.maximum(now.friction * now.along_n, light_n)

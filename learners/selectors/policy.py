@@ -280,8 +280,9 @@ class TrainedPolicy:
                 f"{path}: tensor base: expected the bounds of {shape.contacts} contacts, got something else"
             )
         policy.set_training_mode(False)
-        values = base.numpy().astype(np.float64)
-        return cls(shape, policy, values, steps=steps, provenance=provenance)
+        return cls(
+            shape, policy, base.numpy().astype(np.float64), steps=steps, provenance=provenance
+        )
 
 
 def moved(base: Array, offset: float, action: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, located
 from stancekit.planners.files.arrays import archive_of, read_archive
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.files.writing import first_difference, write_bytes
@@ -74,23 +74,19 @@ class Checkpoint:
         if not self.path.exists():
             return []
         state = read_archive(self.path)
-        try:
-            header = parse_json(str(state.pop("header", "null")), "header")
-            if header["format"] != FORMAT:
-                raise ValueError(f"format {header['format']}")
-            mine = json.loads(json.dumps(self.about))
-            if other := first_difference(header["about"], mine):
-                raise InvalidInput(
-                    f"{self.path}: expected a checkpoint of these settings and data: {other}"
-                )
-            fit.restore(state, header["history"])
-        except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:
-            if isinstance(error, InvalidInput):
-                raise
-            raise InvalidInput(
-                f"{self.path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}"
-            ) from None
-        return list(header["history"])
+        with located(str(self.path)):
+            try:
+                header = parse_json(str(state.pop("header", '{"format": null}')), "header")
+                history: list[Record] = header.pop("history", [])
+                mine = json.loads(json.dumps({"format": FORMAT, "about": self.about}))
+                if other := first_difference(header, mine):
+                    raise InvalidInput(f"expected a checkpoint of these settings and data: {other}")
+                fit.restore(state, history)
+            except (LookupError, TypeError, ValueError, ArithmeticError, RuntimeError) as error:
+                if isinstance(error, InvalidInput):
+                    raise
+                raise InvalidInput(f"expected a whole checkpoint: {error}") from None
+        return history
 
 
 def run(

@@ -448,9 +448,11 @@ def train(
         progress: gets steps done and in all.
         labelling: which data set, its rows done and in all.
     """
-    checkpoint = folder / NAME
-    if checkpoint.exists() and not resume:
+    checkpoint, kept = folder / NAME, sorted(folder.glob("checkpoint.*"))
+    if kept and not resume:
         raise InvalidInput(f"{folder}: holds a run already: resume it, or choose another folder")
+    if kept and checkpoint not in kept:
+        raise InvalidInput(f"{kept[0]}: expected {NAME} to resume from, got another kind's")
     if resume and not (folder.is_dir() and any(folder.iterdir())):
         raise InvalidInput(f"{folder}: expected labels or {NAME} to resume from, got nothing")
     make_folder(folder)

@@ -167,8 +167,7 @@ class Motion(Evidence):
     @property
     def robot(self) -> Robot:
         """The robot that moves."""
-        robot: Robot = self.problem.robot
-        return robot
+        return self.problem.robot  # type: ignore[no-any-return]
 
     @property
     def gravity_m_s2(self) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, SupportsFloat
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,10 +154,13 @@ class Trajectory(Motion):
         super().__post_init__()
         plain = dict[str, str | float]()
         for name, value in self.provenance.items():
-            if not isinstance(value, str | SupportsFloat):
+            try:
+                plain[name] = value if isinstance(value, str) else float(value)
+            except (TypeError, OverflowError):
                 came = shown(value)
-                raise InvalidInput(f"provenance.{name}: expected text or a number, got {came}")
-            plain[name] = value if isinstance(value, str) else float(value)
+                raise InvalidInput(
+                    f"provenance.{name}: expected text or a number, got {came}"
+                ) from None
         object.__setattr__(self, "provenance", plain)
 
     def __repr__(self) -> str:

@@ -84,9 +84,10 @@ def _walk(data: Any, where: str, arrays: dict[str, NDArray[Any]]) -> dict[str, A
     asked = dict(validated(_WalkKeys, data, where))
     del asked["format"]
     ground = {name: arrays.pop(name) for name in _GROUND if name in arrays}
-    _check_arrays(f"{where.removesuffix('question')}columns", ground, _GROUND, ())
-    surface = {name.removeprefix("terrain_"): array for name, array in ground.items()}
-    asked["terrain"] = HeightField.from_arrays(surface, asked["terrain"])
+    with located(place := f"{where.removesuffix('question')}columns"):
+        _check_arrays(place, ground, _GROUND, ())
+        surface = {name.removeprefix("terrain_"): array for name, array in ground.items()}
+        asked["terrain"] = HeightField.from_arrays(surface, asked["terrain"])
     asked["robot"] = robot_from_json(asked["robot"])
     return {"problem": WalkQuestion(**asked)}
 

@@ -62,9 +62,10 @@ def unheld(task: Walk) -> str:
     """Why a walk is not likely, in one sentence, though none is disproved; empty where one is.
 
     Ground that is steeper than friction holds is crossed in a step from what holds, and a body is
-    carried on by its momentum. Where places that hold feet, with some more friction than there is,
-    lie farther apart on every way than a third more than feet reach from the body, no optimizer
-    has found a walk in a gait that moves one foot of an end at a time.
+    carried on by its momentum; between two walls feet press on both. Where places that hold feet,
+    with some more friction than there is, lie farther apart on every way than a third more than
+    feet reach from the body, no optimizer has found a walk in a gait that moves one foot of an end
+    at a time.
     """
     ground, ends = task.terrain, np.array([task.start, task.goal])
     lines = [
@@ -73,7 +74,12 @@ def unheld(task: Walk) -> str:
     ]
     places = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, 2)
     heights, gradient = ground.height_and_gradient(places)
-    held = np.linalg.norm(gradient, axis=1) <= _MORE * task.friction
+    steep = np.linalg.norm(gradient, axis=1)
+    down = gradient / np.maximum(steep, LEAST)[:, None]
+    across = ground.gradient(
+        np.clip(places - 0.5 * _reach_m(task) * down, *np.transpose(ground.domain_m))
+    )
+    held = (steep <= _MORE * task.friction) | (np.vecdot(across, gradient) < 0.0)
     if held.all() or any(task.adhesive) or task.gait in ("bound", "gallop"):
         return ""
     from scipy.spatial import cKDTree  # slow to import

@@ -220,7 +220,8 @@ def between(rows: Samples, at: Array) -> Samples:
     then, share = np.minimum(first + 1, last), near - first
 
     def mixed(tables: list[Array]) -> Array:
-        table, weight = tables[0], share.reshape(share.shape + (1,) * (tables[0].ndim - 1))
+        (table,) = tables
+        weight = share.reshape(share.shape + (1,) * (table.ndim - 1))
         return np.asarray(table[first] + weight * (table[then] - table[first]))
 
     return replace(combined([rows], mixed), foothold=rows.foothold[first])

@@ -152,8 +152,7 @@ def descend(
         )
         if not len(open_):
             break
-        damping = _DAMPING * far[:, None, None]
-        q = stepped(q, jacobian, gap, damping, _LONGEST_STEP, (lower, upper))
+        q = stepped(q, jacobian, gap, _DAMPING * far[:, None, None], _LONGEST_STEP, (lower, upper))
     return leg.wrapped(best), error
 
 

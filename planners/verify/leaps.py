@@ -144,16 +144,24 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         off, left = self.off_toes(), self.dips()
         legs = [self.feet[leg] for leg in self.kinematics.legs]
         speed, model = self.speed(), self.kinematics.model
-        bent = _group("joints", off, feet, times, JOINTS_M, feet)
-        yield as_far_as_known(bent, "; ".join(model.limit_doubts))
-        shares = np.where(self._limited, speed, 0.0)
-        fast = _group("joint_speed", shares, joints, times[1:], JOINT_SPEED, legs)
+        yield as_far_as_known(
+            _group("joints", off, feet, times, JOINTS_M, feet), "; ".join(model.limit_doubts)
+        )
+        fast = _group(
+            "joint_speed",
+            np.where(self._limited, speed, 0.0),
+            joints,
+            times[1:],
+            JOINT_SPEED,
+            legs,
+        )
         torque = _group("torque", self.line, joints, times[1:-1], TORQUE, legs)
         slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
         unlimited = f"no velocity limit of {', '.join(slow)}" if slow else ""
         yield as_far_as_known(fast, unlimited)
-        doubts = filter(None, (unlimited, *model.lines_of(model.torque_doubts)))
-        yield as_far_as_known(torque, "; ".join(doubts))
+        yield as_far_as_known(
+            torque, "; ".join(filter(None, (unlimited, *model.lines_of(model.torque_doubts))))
+        )
         yield _group(
             "legs_turn",
             np.abs(self.turned),

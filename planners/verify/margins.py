@@ -134,8 +134,10 @@ def with_margins(report: Report[Plan]) -> Report[Plan]:
         pushed = f"{every} bears a push of {at['push_n']:.3g} N, {share:.1%} of the weight{push}"
     if at["support_m"] is not None:
         inside = f"the centre of mass is {1e3 * at['support_m']:.0f} mm inside{support}"
-    enough = f"{1.0 - at['friction_left']:.0%} of the friction would be enough{friction}"
-    remark = f"{pushed}; {inside}; {enough}"
+    remark = (
+        f"{pushed}; {inside}; {1.0 - at['friction_left']:.0%} of the friction would be "
+        f"enough{friction}"
+    )
     return replace(report, groups=(*others, group), remark=remark if report.accepted else "")
 
 

@@ -187,10 +187,10 @@ def _defect_of(trajectory: Trajectory, step_s: float) -> str:
     count, feet = trajectory.samples, len(trajectory.robot.feet)
     if count < 4:  # the acceleration at either end is on a line through two
         return f"times_s: expected four samples or more, got {count}"
-    asked, of_question = trajectory.problem, {"adhesive": (feet,), "start": (2,), "goal": (2,)}
+    asked = trajectory.problem
     if defect := (
         arrays_defect(trajectory, trajectory.shapes(asked, count))
-        or arrays_defect(asked, of_question)
+        or arrays_defect(asked, {"adhesive": (feet,), "start": (2,), "goal": (2,)})
     ):
         return defect
     steps = np.diff(trajectory.times_s)

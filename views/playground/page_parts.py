@@ -248,7 +248,7 @@ class Files:
 
 
 _FOV_RAD = 0.75
-_BRAND = (39, 64, 127)
+BRAND = (39, 64, 127)
 GOOD, UNSURE, BAD = (
     f"light-dark({pair})" for pair in ("#1d6f62, #5cc4b3", "#7a5f00, #e0bd4a", "#b81c33, #ff8b99")
 )

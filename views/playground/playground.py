@@ -41,7 +41,7 @@ from ..terrain import (
 )
 from .answers import SceneAnswer, Session, quick_answer
 from .page_parts import (
-    _BRAND,
+    BRAND,
     Controls,
     Files,
     LimbLoad,
@@ -84,8 +84,7 @@ class Pictures:
     def shape(self, robot: Robot) -> RobotShape:
         """Shape of a robot."""
         key = (robot.name, robot.identity, tuple((each.name, each.reach_m) for each in robot.limbs))
-        shape: RobotShape = self._kept("shape", key, lambda: climber(robot))
-        return shape
+        return self._kept("shape", key, lambda: climber(robot))  # type: ignore[no-any-return]
 
     def view(self, plan: Plan) -> PlanView:
         """A plan as something to look at."""
@@ -117,12 +116,11 @@ class Pictures:
         )
         frictions = [patch.friction for patch in course.terrain]
         pieces = self._kept("pieces", places, lambda: pieces_within(course.terrain, box))
-        ground: Scene = self._kept(
+        return self._kept(  # type: ignore[no-any-return]
             "ground",
             (places, *frictions),
             lambda: surfaces(course.terrain, pieces, friction_colours(frictions)),
         )
-        return ground
 
     def asked(self, _scenario: Scenario, answer: SceneAnswer) -> Scene:
         """Without a plan: where the body was asked to go, and what is lacking."""
@@ -158,8 +156,7 @@ class Pictures:
         """The solver for the robot, made once."""
         robot = course.robot
         key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
-        solver: Kinematics | None = self._kept("solver", key, lambda: solver_of(course))
-        return solver
+        return self._kept("solver", key, lambda: solver_of(course))  # type: ignore[no-any-return]
 
     summary, verdict = staticmethod(summary), staticmethod(verdict)
 
@@ -338,7 +335,7 @@ class Playground:
             WalkPictures(scenario) if isinstance(scenario, WalkScenario) else Pictures()
         )
         self._answer, self._view = quick_answer(scenario), None
-        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=_BRAND)
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         server.scene.configure_default_lights(cast_shadow=False)
         middle, away_m, towards = self._look.camera(course, self._answer)
         let_camera(server, middle, away_m, towards)

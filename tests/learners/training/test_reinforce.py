@@ -220,20 +220,24 @@ def test_files_that_are_not_policies_are_refused(scenes, tmp_path):
     with refuses("bad.safetensors"):
         TrainedPolicy.load(bad)
     other = replace(shape, hidden=(9,))
-    broken = TrainedPolicy(shape, other.build(), scenes.base)
-    broken.save(bad)
+    TrainedPolicy(shape, other.build(), scenes.base).save(bad)
     with refuses("bad.safetensors"):
         TrainedPolicy.load(bad)
 
 
 def test_runs_are_not_mixed_up(scenes, tmp_path):
-    with refuses("checkpoint.npz"):
-        train(config(), tmp_path / "none", resume=True, scenes=scenes)
     train(config(steps=32), tmp_path / "run", scenes=scenes)
-    with refuses():
-        train(config(), tmp_path / "run", scenes=scenes)
-    with refuses("offset"):
-        train(config(offset=0.3), tmp_path / "run", resume=True, scenes=scenes)
+    (tmp_path / "old").mkdir()
+    (tmp_path / "old" / "checkpoint.safetensors").touch()
+    for folder, resume, changes, name in (
+        ("none", True, {}, "checkpoint.npz"),
+        ("run", False, {}, "run"),
+        ("run", True, {"offset": 0.3}, "offset"),
+        ("old", False, {}, "old"),
+        ("old", True, {}, "checkpoint.safetensors"),
+    ):
+        with refuses(name):
+            train(config(**changes), tmp_path / folder, resume=resume, scenes=scenes)
 
 
 GOOD = """

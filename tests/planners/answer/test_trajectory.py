@@ -84,8 +84,9 @@ def test_arrays_are_read_only_copies():
 
 
 def test_what_is_no_array_of_numbers_is_refused_at_once():
-    with refuses("torso_m"):
-        replace(still(), torso_m=[[1], [1, 2]])
+    for name, value in (("torso_m", [[1], [1, 2]]), ("provenance", {"seed": 10**400})):
+        with refuses(name):
+            replace(still(), **{name: value})
 
 
 def test_the_digest_hangs_on_every_field():
@@ -177,6 +178,7 @@ SPOILT = {
     "contact": {"contact": BASE.contact[:, :3]},
     "truth values": {"contact": 1.0 * BASE.contact},
     "terrain_y_m": {"terrain_y_m": None},
+    "walk.json: columns: level: heights_m": {"terrain_heights_m": np.zeros((4, 4))},
 }
 
 

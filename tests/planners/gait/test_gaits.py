@@ -128,8 +128,7 @@ def test_the_command_line_takes_both_by_file_and_name(
     with pytest.raises(SystemExit) as ended:
         main(["gait", "ground.py:bump", "--chart", "mine.py:Lifted", *asked])
     assert ended.value.code == 0
-    answer = json.loads(capsys.readouterr().out)
-    assert answer["attempts"][0]["chart"] == "mine.py:Lifted"
+    assert json.loads(capsys.readouterr().out)["attempts"][0]["chart"] == "mine.py:Lifted"
     report = check_file("walk.json").report
     assert report.accepted
     assert report.answer.problem.terrain.name == "ground.py:bump"
@@ -298,7 +297,15 @@ def test_a_plan_of_a_forbidden_walk_is_its_reason_and_no_solve() -> None:
     ):
         assert_names(plan_gait(walk).message, *names)
         assert plan_gait(walk).solves == ()
-    for ground, feet in ((up.terrain.scaled(0.9), ()), ("hill", ("LF", "RF"))):
-        assert unheld(Walk.over(ground, up.goal, start=up.start, adhesive=feet)) == ""
+    valley = 0.9 * np.outer(np.linspace(-1.0, 5.0, 121).clip(0, 1), abs(np.arange(121) - 59.5) / 20)
+    between = HeightField.from_array(valley, spacing_m=0.05)  # two walls, which feet press on
+    for ground, feet, friction in (
+        (up.terrain.scaled(0.9), (), 0.75),
+        ("hill", ("LF", "RF"), 0.75),
+        (between, (), 0.3),
+    ):
+        assert not unheld(
+            Walk.over(ground, up.goal, start=up.start, adhesive=feet, friction=friction)
+        )
     with refuses("friction"):
         task(ramp(0.6, 0.0), 0.0)

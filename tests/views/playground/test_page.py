@@ -25,18 +25,15 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.views.plans import PlanView
 from stancekit.views.playground import answers as session_module
 from stancekit.views.playground.answers import SceneAnswer, Session, patient_answer, quick_answer
-from stancekit.views.playground.playground import (
-    Pictures,
+from stancekit.views.playground.page_parts import (
     cone_share,
     limb_table,
     loads,
     margins,
-    save_course,
-    save_plan,
     solver_of,
-    struck,
     verdict,
 )
+from stancekit.views.playground.playground import Pictures, save_course, save_plan, struck
 from stancekit.views.playground.scenario import KeysScenario
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP

@@ -18,7 +18,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.explain import Relaxation, _change
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.views.playground.answers import Judge, quick_answer
-from stancekit.views.playground.playground import Player, explained, from_behind
+from stancekit.views.playground.page_parts import Player, explained, from_behind
 from stancekit.views.playground.scenario import FixedScenario, KeysScenario, WalkScenario
 from stancekit.views.playground.serving import served
 from tests.emulators.chromium import CHROMIUM, opened
