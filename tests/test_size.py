@@ -32,11 +32,11 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1360, 16756),
-    "cli": (3335, 39488),
+    "cli": (3332, 39483),
     "configs": (3, 30),
     "envs": (3129, 42904),
-    "learners": (5265, 77780),
-    "planners": (35376, 581159),
+    "learners": (5262, 77740),
+    "planners": (35373, 581195),
     "runner": (6650, 91108),
     "views": (4317, 69562),
 }

@@ -128,7 +128,7 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
     """
 
     def stretched(
-        leg: Leg, feet: np.ndarray, start: np.ndarray, up: np.ndarray
+        leg: Leg, feet: np.ndarray, start: np.ndarray, up: np.ndarray, **_: float
     ) -> tuple[np.ndarray, np.ndarray]:
         away = feet - leg.hip_m
         near = leg.hip_m + away * np.minimum(
@@ -140,7 +140,7 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
 
     plan = with_joints(walk(3))
     plan = replace(plan, com_m=plan.com_m + np.array([0.0, 0.0, 0.2]))
-    monkeypatch.setattr(joints, "descend", stretched)
+    monkeypatch.setattr("stancekit.planners.robot.inverse_kinematics.descend", stretched)
     monkeypatch.setattr(
         joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals
     )
