@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -133,8 +133,6 @@ class _BenchPlanner:
 
     def run(self) -> int:
         """Measure what is missing, and print the table."""
-        from dataclasses import replace
-
         from stancekit.learners.evaluation import planner_bench
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.files.writing import make_folder, write_text
@@ -592,7 +590,6 @@ class BenchGait:
         return 0
 
     def _settings(self) -> GaitBenchSettings:
-        from dataclasses import replace
 
         from stancekit.learners.evaluation.gait_bench import GaitBenchSettings
 

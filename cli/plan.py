@@ -33,8 +33,6 @@ from .pictures import show
 from .solve import Between
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from rich.table import Table
 
     from stancekit import (

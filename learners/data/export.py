@@ -20,11 +20,10 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.envs.data.dataset import Dataset, LabelledPosture
+from stancekit.envs.data.dataset import Dataset, LabelledPosture, scene_of
 from stancekit.envs.data.ledger import LabelPlan
-from stancekit.envs.scenes import LabelledScene, ListedScenes, SceneKind
+from stancekit.envs.scenes import ListedScenes, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.writing import check_new_folder, failure_of, make_folder, replaced
 from stancekit.planners.relaxation.envelope import Envelope
@@ -104,13 +103,13 @@ def export(
         raise InvalidInput(
             "data set: expected rows that are feasible or infeasible with a point, got none"
         )
-    source = ListedScenes([_scene(rows.row(0))])
+    source = ListedScenes([scene_of(rows.row(0))])
     env = EnvelopeSelectionEnv(
         SceneKind(name=dataset.problem_class, legs=tuple(dataset.header.legs)), scenes=source
     )
     episodes = []
     for index, row in enumerate(rows.rows()):
-        source.deal([_scene(row)])
+        source.deal([scene_of(row)])
         shown = env.reset(seed=0 if index == 0 else None)
         episodes.append(_episode(minari, env, index, shown, expert_action(row, room)))
         if progress is not None:
@@ -183,16 +182,6 @@ def load_exported(root: Path) -> Any:
         raise InvalidInput(
             f"{folders[0]}: expected a whole Minari data set: {' '.join(str(error).split())}"
         ) from None
-
-
-def _scene(row: LabelledPosture) -> LabelledScene:
-    """The scene of a row."""
-    return LabelledScene(
-        problem=row.problem,
-        feasible=row.status is Status.FEASIBLE,
-        posture=row.posture,
-        lower_bound=row.lower_bound,
-    )
 
 
 def _episode(

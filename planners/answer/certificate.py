@@ -22,7 +22,6 @@ from .plan import LeapPlan, Plan
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
-    from .plan import Plan
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -31,7 +31,6 @@ from ..terrain.patch import Patch
 from ..terrain.polygon import checked_sole
 
 if TYPE_CHECKING:
-    from ..robot.model import Robot
     from ..terrain.heightfield import HeightField
 
 

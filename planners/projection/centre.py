@@ -49,8 +49,6 @@ APART_M = 0.03
 _FARTHER_M = 0.01
 """A leg that could not follow its foot's path so much farther from its hip, or nearer to it, is near the
 end of its reach [m]."""
-_SOLE = 1.0
-"""Ground that is so near to a toe, in radii of its foot, is what the foot stands on."""
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
@@ -65,7 +63,7 @@ class Nearness:
     Arguments:
         distance_m: shape (K,), negative inside; of a foot how far it stays, negative, or how much
             farther it would follow, beyond what bodies should keep.
-        feet: which are those of feet, for which 0 is enough, shape (K,).
+        feet: which are those of feet, for which half as much is enough, shape (K,).
         slopes: of the distances, in metres a metre or radian, in the numbers of M key frames and P
             toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m].
         astray_m: how far feet stay from their path.
@@ -121,9 +119,12 @@ class PathClearance:
         }
         """Legs by the number of a shape of their feet that is no ball."""
 
-    def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
+    def nearness(
+        self, plan: Plan, clearance_m: float, apart_m: float = APART_M, *, reaching: bool = False
+    ) -> Nearness:
         """Find the bodies that are nearer than that and a little more, at moments this far apart:
-        of every pair of bodies where it is nearest, and wherever it is too near.
+        of every pair of bodies where it is nearest, and wherever it is too near; and the feet that
+        stay from their paths, or, where that is asked for, of legs that are near the ends of their reach.
         """
         path = JointPath(path_of(plan), self._solver, apart_m)
         moments, postures = _with_keys(
@@ -158,14 +159,14 @@ class PathClearance:
             for leg in range(-1, len(self._solver.model.legs)):
                 of = np.flatnonzero(movers[:, 0] == leg)
                 slopes.add(leg, rows[of], times[of], movers[of, 1], points[of], push[of])
-        ends = _ends_of_reach(self._solver, moments, postures)
+        ends = _ends_of_reach(self._solver, moments, postures, reaching * _FARTHER_M)
         for row, (t, leg, _, out) in enumerate(ends, len(near)):
             slopes.add_foot(leg, np.array([row]), np.array([t]), out)
         assert postures.error_m is not None
-        rooms = [0.5 * clearance_m + room for _, _, room, _ in ends]
+        rooms = [0.5 * reaching * clearance_m + room for _, _, room, _ in ends]
         return Nearness(
             distance_m=np.array([*(each.distance_m for _, each in near), *rooms]),
-            feet=np.arange(len(near) + len(ends)) >= len(near),
+            feet=np.repeat([False, reaching], [len(near), len(ends)]),
             slopes=slopes.matrix(len(near) + len(ends)),
             astray_m=float(postures.error_m.max()),
         )
@@ -176,7 +177,7 @@ class PathClearance:
         if leg is None or near.other >= 0:
             return False
         away_m = np.linalg.norm(near.points_m[1] - toes_m[leg])
-        return bool(away_m < _SOLE * self._solver.radii_m[leg])
+        return bool(away_m < self._solver.radii_m[leg])  # what the foot stands on
 
 
 def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int, Near]]:
@@ -194,7 +195,7 @@ def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int
 
 
 def _ends_of_reach(
-    solver: Kinematics, moments: PathMoments, postures: WholeBody
+    solver: Kinematics, moments: PathMoments, postures: WholeBody, most_m: float
 ) -> list[tuple[int, int, float, Array]]:
     """Moment of every step at which each limb is nearest to the end of its reach, if it is near; the
     limb, how much farther its foot would follow, negative where it stays from its path [m], and the
@@ -209,7 +210,7 @@ def _ends_of_reach(
         away = (feet - hips) / np.linalg.norm(feet - hips, axis=1, keepdims=True)
         up = np.einsum("tij,ti->tj", turns, moments.ups[:, limb])
         error_m = postures.error_m[:, limb]
-        for farther_m in (0.0, _FARTHER_M, -_FARTHER_M):
+        for farther_m in (0.0, most_m, -most_m):
             goal, there, room = goals, feet, -error_m
             if farther_m:
                 goal = feet + farther_m * away

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,6 @@ from ..robot.inverse_kinematics import descend_legs
 from ..robot.kinematics import Kinematics
 from ..robot.leg import rotation_of
 from ..terrain.patch import Patch
-
-if TYPE_CHECKING:
-    from ..robot.kinematics import Kinematics
-
 
 RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 """Shares of μ that are tried, the safest first."""

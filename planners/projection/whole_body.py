@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,9 +42,6 @@ from .held import pressing, push_share, pushed
 from .spared_contacts import SparedGiven, spared_contacts
 from .whole_body_step import TORQUE_PRICE, WholeBodyGiven, WholeBodyStep, keeps_to
 
-if TYPE_CHECKING:
-    from ..robot.kinematics import Kinematics
-
 
 @dataclass(frozen=True, kw_only=True)
 class WholeBodyLimits:
@@ -58,6 +54,8 @@ class WholeBodyLimits:
             at this distance [m].
         steps: most steps of the whole plan; 0: forces alone.
         deepest_m: a plan whose bodies lack more than that is left as it is [m].
+        reaching: steps keep legs from the ends of their reach, too, and bodies apart where forces are
+            mended; more plans hold, and each step takes longer.
 
     Raises:
         InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative
@@ -76,6 +74,7 @@ class WholeBodyLimits:
     clearance_m: float = 0.005
     steps: int = 20
     deepest_m: float = math.inf
+    reaching: bool = False
 
     def __post_init__(self) -> None:
         if self.torque_nm is not None:
@@ -472,7 +471,9 @@ class _Stage:
         )
         if self._clearance is not None:
             plan = self._as_plan(found, friction_share)
-            near = self._clearance.nearness(plan, self._limits.clearance_m, self._apart_m)
+            near = self._clearance.nearness(
+                plan, self._limits.clearance_m, self._apart_m, reaching=self._limits.reaching
+            )
             missing_m = near.missing(self._limits.clearance_m).sum() + near.astray_m
             price += CLEAR_PRICE * float(missing_m) / self._scaled.length_m
             too_near = near.astray_m > STRAY_M or bool(
@@ -563,7 +564,7 @@ class _Stage:
         """An exact plan after a step; None where there is none.
 
         Where the forces of the step cannot be mended alone, body and joints are found once more for
-        its toes, with bodies as far apart as the step says that they are.
+        its toes.
         """
         spare = _SPARE * min(radius, 1.0)
         firmer = np.where(scaled.force_min > 0.0, scaled.force_min + spare, scaled.force_min)
@@ -585,8 +586,9 @@ class _Stage:
         other = restoration.restore(*restored, wanted=self._limits.share)
         if other is None:
             point, angles = restored[0], np.clip(restored[1], *self._bounds)
-            near = None if at.near is None else at.near.moved(at, point, angles - at.angles)
-            at = replace(at, scaled=scaled, about=point, angles=angles, near=near)
+            near = at.near if self._limits.reaching else None
+            moved = near and near.moved(at, point, angles - at.angles)
+            at = replace(at, scaled=scaled, about=point, angles=angles, near=moved)
             restored = self._solved(at, hold_toes=True)
             other = (
                 None

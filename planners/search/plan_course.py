@@ -100,9 +100,11 @@ _LOOK_S = 6.0
 _NEAR_M = 0.003
 """A plan with no more than that missing between its bodies and on its feet's paths is bent in few
 steps [m]: no further layout is looked at."""
-_DEEP_M = 0.08
-"""A plan beside walls whose bodies lack more, for a robot of size 1, is not bent: others are tried sooner
-[m]."""
+_SHALLOW_M, _DEEP_M = 0.03, 0.08
+"""A plan beside walls whose bodies lack more than the first is bent only after another layout had no
+plan, and one whose bodies lack more than the second, for a robot of size 1, is not bent [m]."""
+_AGAIN = replace(AS_ASKED)
+"""The layout that was asked for, whose plan is bent though it is deep in walls."""
 _BENT_M = 0.015
 """The same of a plan whose legs step over things."""
 _LAID = "no plan over this layout, which is one of many"
@@ -167,6 +169,7 @@ def plan_course(
             robot whose joints are not known.
     """
     stated = stated and not hasattr(question, "onward")
+    limits = limits and replace(limits, reaching=limits.reaching or not stated)
     unlearned = isinstance(planner, TwoStage) and planner.envelopes is None
     turned = unlearned and getattr(question, "frame", None) is not None
     between = cast("LaidBetween", question) if turned else None
@@ -238,6 +241,7 @@ class _CourseSearch:
 
     Arguments:
         spent: on the contacts of every piece.
+        deep: contacts that may be bent again.
         steep: whether the ground is, where bending is dear and tried last.
     """
 
@@ -252,6 +256,7 @@ class _CourseSearch:
     kept: Kept | None
     progress: Progress | None
     spent: list[Effort] = field(default_factory=list)
+    deep: list[Answer[Plan]] = field(default_factory=list)
     steep: bool = False
 
     def outcome(self, layouts: Sequence[Alternative], deadline: float) -> Answer[Plan]:
@@ -293,7 +298,10 @@ class _CourseSearch:
                 so_far = None  # which says no more than the whole does
         search_end = end if limits is None else _search_end(end)
         striding = alternative.striding and limits is not None and not course.has_soles
-        outcome = self._firmly(course, end) if striding else self._contacts(course, search_end)
+        if alternative is _AGAIN:
+            outcome = self.deep.pop()
+        else:
+            outcome = self._firmly(course, end) if striding else self._contacts(course, search_end)
         if outcome.certificate is not None and not self.stated:
             outcome = _undecided(outcome, _LAID + _slipping(outcome, alternative))
         elif outcome.certificate is not None and course.robot.own and outcome.sets != "outer":
@@ -304,15 +312,17 @@ class _CourseSearch:
             from .witness import with_whole_body  # slow to import
 
             unbent = replace(limits, steps=0)
-            if alternative is AS_ASKED and not self.stated and walls_of(course):
-                limits = replace(limits, deepest_m=_DEEP_M * course.robot.size)
+            if alternative == AS_ASKED and not self.stated and walls_of(course):
+                self.deep.append(outcome)
+                most_m = _DEEP_M * course.robot.size if alternative is _AGAIN else _SHALLOW_M
+                limits = replace(limits, deepest_m=most_m)
             for within in (unbent, limits) if self.steep else (limits,):
                 judged = with_whole_body(outcome, within, self.start_rad, deadline=end)
                 if judged.status is Status.FEASIBLE:
                     break
             outcome = judged
-        undecided = outcome.status not in (Status.FEASIBLE, Status.INFEASIBLE)
-        return so_far if so_far is not None and undecided else outcome
+        decided = outcome.status in (Status.FEASIBLE, Status.INFEASIBLE)
+        return outcome if decided or so_far is None else so_far
 
     def at_a_glance(self, course: Problem, end: float, *, firmly: bool) -> Answer[Plan]:
         """The answer over one course without bending, as it is found first."""
@@ -538,7 +548,7 @@ def _leaning(
         end = min(time.perf_counter() + _wall_s(began, _LOOK_S), deadline)
         outcome = seen(course, end, firmly=alternative is first)
         if alternative is first and outcome.status is Status.FEASIBLE:
-            return (_of_layout(outcome, alternative) if alternative.message else outcome), layouts
+            return _of_layout(outcome, alternative), layouts
         if outcome.report is not None and not outcome.report.late:
             short_m[alternative] = _short_m(outcome)
             if short_m[alternative] < _NEAR_M:
@@ -580,22 +590,23 @@ def _laid_out(
     first: Answer[Plan] | None = None
     refusal: InvalidInput | PlanningFailed | None = None
     began = time.perf_counter(), time.process_time()
-    left, laid_s, tried = list(layouts), 0.0, 0
-    if not stated and len(layouts) > 1:
+    left, laid_s, tried, asked = list(layouts), 0.0, 0, layouts[0]
+    others = not stated and len(layouts) > 1
+    if others:
         left += STRIDES
     while left:
         alternative, now = left.pop(0), time.perf_counter()
-        if alternative is not layouts[0] and now + laid_s >= deadline:
+        if alternative is not asked and now + laid_s >= deadline:
             break
         try:
             course = question("inner", alternative)
             laid_s = time.perf_counter() - now
         except (InvalidInput, PlanningFailed) as error:
-            if alternative is layouts[0] and not isinstance(error, NoPlace | PlanningFailed):
-                raise
-            if alternative is layouts[0]:
+            if alternative is asked:
+                if not isinstance(error, NoPlace | PlanningFailed):
+                    raise
                 left = ordered(left, "contacts")
-                if not stated and len(layouts) > 1:
+                if others:
                     left = [*left, *LOW]
                     said = error.args[0]
                     if isinstance(
@@ -608,9 +619,9 @@ def _laid_out(
         share_s = max(_FIRST * (deadline - now), _wall_s(began, least_s))
         tried += 1
         outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
-        if outcome.status is Status.FEASIBLE and alternative.message:
+        if outcome.status is Status.FEASIBLE:
             return _of_layout(outcome, alternative)
-        if alternative is layouts[0]:
+        if alternative is asked:
             first = outcome
             if outcome.status is not Status.UNDECIDED:
                 return outcome
@@ -621,6 +632,12 @@ def _laid_out(
                 left.insert(0, KNEES_BENT)
             elif outcome.solution is not None and not stated and walls_of(course):
                 left.sort(key=lambda each: (not each.striding, each.free))
+                if (
+                    asked is AS_ASKED
+                    and not in_pieces(course)
+                    and _SHALLOW_M < _short_m(outcome) <= _DEEP_M * course.robot.size
+                ):
+                    left.insert(1, _AGAIN)
             elif outcome.report is not None and outcome.report.accepted:  # it tips
                 left = [*left[:1], *(e for e in left if e.striding), *left[1:]]
     if first is None:
@@ -653,11 +670,12 @@ def _cannot_lift(outcome: Answer[Plan]) -> bool:
 
 
 def _of_layout(outcome: Answer[Plan], alternative: Alternative) -> Answer[Plan]:
-    """The answer, whose plan says in which way the course was laid out."""
-    assert outcome.solution is not None
+    """The answer, whose plan says in which way the course was laid out, if another than was asked for."""
+    if not alternative.message or outcome.solution is None:
+        return outcome
     provenance = {**outcome.solution.provenance, "layout": alternative.message}
     plan = replace(outcome.solution, provenance=provenance)
-    report = None if outcome.report is None else replace(outcome.report, answer=plan)
+    report = outcome.report and replace(outcome.report, answer=plan)
     return replace(outcome, solution=plan, report=report)
 
 

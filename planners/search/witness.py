@@ -39,7 +39,7 @@ from ..files.arrays import Array
 from ..projection.whole_body import WholeBodyLimits, whole_body
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
-from ..verify.geometry import LEAST_PUSH, tipping
+from ..verify.geometry import LEAST_PUSH, length, tipping
 from .answer import objective_of
 
 LOG = logging.getLogger(__name__)
@@ -370,8 +370,8 @@ class _Sets:
         turned = x[:, turn]
         np.minimum(np.maximum(turned, -tilt, out=turned), tilt, out=turned)
         away, f = self._vectors(x, balls), self._vectors(x, forces)
-        away *= np.minimum(1.0, self.radii / np.maximum(_length(away), 1e-300))[..., None]
-        normal, shear = f[..., 0], _length(f[..., 1:])
+        away *= np.minimum(1.0, self.radii / np.maximum(length(away), 1e-300))[..., None]
+        normal, shear = f[..., 0], length(f[..., 1:])
         onto = np.where(shear <= friction * normal, normal, (normal + friction * shear) / steep)
         np.minimum(np.maximum(onto, low, out=onto), high, out=normal)
         f[..., 1:] *= np.minimum(1.0, friction * normal / np.maximum(shear, 1e-300))[..., None]
@@ -402,10 +402,10 @@ class _Sets:
     def hold(self, points: PointBatch) -> NDArray[np.bool_]:
         """Tell whether points with their toes on their patches lie in K, shape (B,)."""
         like, normal = self.scaled.like, points.forces[..., 0]
-        cones = _length(points.forces[..., 1:]) <= self.scaled.friction * normal - _INSIDE
+        cones = length(points.forces[..., 1:]) <= self.scaled.friction * normal - _INSIDE
         cones &= (normal >= self.low + _INSIDE) & (normal <= self.high - _INSIDE)
-        legs = _length(points.legs(like)) <= like.reach - _INSIDE
-        body = (_length(points.com - like.com) <= like.com_radius - _INSIDE) & (like.tilt > 0.0)
+        legs = length(points.legs(like)) <= like.reach - _INSIDE
+        body = (length(points.com - like.com) <= like.com_radius - _INSIDE) & (like.tilt > 0.0)
         return np.asarray(cones.all(axis=1) & legs.all(axis=1) & body)
 
     def toes(self, x: Array) -> Array:
@@ -480,10 +480,6 @@ def _to_simplex(x: Array, total: float) -> None:
         level = np.maximum(level, (above - total) / count)
     x -= level[..., None]
     np.maximum(x, 0.0, out=x)
-
-
-def _length(vectors: Array) -> Array:
-    return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
 
 
 def _times(matrices: Array, vectors: Array) -> Array:

@@ -37,8 +37,6 @@ from .trajectory_measurements import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from ..robot.bodies import Bodies
     from ..robot.inverse_kinematics import Overlap, WholeBody
     from ..robot.kinematics import Kinematics

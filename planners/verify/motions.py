@@ -210,8 +210,6 @@ def _ordered(table: MotionTable, kinematics: Kinematics) -> MotionTable:
 
     Raises InvalidInput for others than the robot's.
     """
-    from dataclasses import replace
-
     limbs = kinematics.robot.limb_names
     changed, columns = dict[str, Any](), dict[str, Array]()
     for kind, names_of_robot, names, arrays in (

@@ -31,6 +31,7 @@ from ..transcription.taylor import (
     VariableGroup,
 )
 from ..variables import NOTHING, Index, Structure
+from .feet import above
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -446,13 +447,6 @@ def contact(structure: Structure) -> Constraint | None:
     rows = np.arange(variables.count)
     zeros = np.zeros(variables.count)
     return Constraint("contact", zeros, zeros, (Block(above, ((variables, rows),), rows[:, None]),))
-
-
-def above(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
-    """z − h(x, y)."""
-    (foot,), (expansion,) = features, expansions
-    assert expansion is not None
-    return foot[2] - expansion.here[0]
 
 
 _SPACING_M = 0.09
