@@ -75,10 +75,11 @@ smaller one may be off, whose cells were chosen by their heights."""
 _ROUNDS, _LLOYD, _JOINED = 12, 4, 16
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it: heights are exact."""
-_FINE_M, _TWO, _NARROWEST_M = 0.04, 0.5, 0.08
-"""Of exact heights: side of the blocks that are looked at first [m]; two planes are far nearer than
-one if their rms is less than this share of its; halves that are narrower in the mean are waves of
-one surface [m]."""
+_FINE_M, _SPIKES, _TWO, _NARROWEST_M = 0.04, 0.02, 0.5, 0.08
+"""Of exact heights: side of the blocks that are looked at first [m]; a surface is no plane of whose
+cells more than this share is off it by more than the roughness; two planes are far nearer than one
+if their rms is less than this share of its; halves that are narrower in the mean are waves of one
+surface [m]."""
 _TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
 round by round."""
@@ -191,7 +192,7 @@ def _lumps(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float
 ) -> NDArray[np.bool_]:
     """Cells about which the mean of a surface is off its plane by more than noise and roughness
-    are.
+    are; of exact heights each cell by itself.
     """
     planes = fitted(labels, cells)[0]
     lumps = np.zeros(labels.shape, dtype=bool)
@@ -200,8 +201,9 @@ def _lumps(
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
     one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
     sums = np.stack([one, z - a * x - b * y - c * one])
-    rough_m = _LUMP_ROUGH * limits.roughness_m
-    for side in _LUMPS:
+    exact = noise_m < QUIET * limits.roughness_m
+    rough_m = (1.0 if exact else _LUMP_ROUGH) * limits.roughness_m
+    for side in (1,) if exact else _LUMPS:
         count, off = boxed(sums, side)
         most = (_LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
         lumps |= (labels >= 0) & (off**2 > most)
@@ -368,6 +370,9 @@ def _misfits(
     )
     large = count >= 2 * _FEWEST
     exact = noise_m < QUIET * limits.roughness_m
+    if exact:
+        far = (labels >= 0) & (np.abs(residuals(labels, cells)) > limits.roughness_m)
+        bent |= np.bincount(labels[far], minlength=len(rms)) > _SPIKES * count
     return bent & large, exact & large & (rms > QUIET * limits.roughness_m), rms
 
 
