@@ -66,6 +66,9 @@ OFF = 2.5
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 _FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
+_AWAY = (0.5, 0.1)
+"""Cells may be so far off the plane of their surface beside its noise, of noisy and of exact heights,
+in shares of the roughness."""
 _AGREEMENT, _SWEEPS = 1.5, 4
 """What a neighbour of the same surface counts for, as a difference of squares in variances of the
 noise, and how often borders are looked at."""
@@ -597,10 +600,8 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
     if not len(planes):
         return labels
     labels = labels.copy()
-    variance = (
-        np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2
-        + (0.5 * limits.roughness_m) ** 2
-    )
+    rough_m = _AWAY[noise_m < QUIET * limits.roughness_m] * limits.roughness_m
+    variance = np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2 + rough_m**2
     mean, (x, y), one = cells.heights, cells.places, cells.moments[0]
     for _ in range(_SWEEPS):
         around, (i, j) = _around(labels, cells.known, same=False)
