@@ -242,7 +242,7 @@ class Kinematics:
                 obstacles=obstacles,
             )
         else:
-            start = np.concatenate(self.own.standing) if near is None else near
+            start = self.own.standing if near is None else near
             legs, _ = self.own.solve(feet[None], near=start, up=up)
             wished = np.concatenate(legs, axis=1)[0]
         if near is not None:
