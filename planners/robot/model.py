@@ -40,7 +40,7 @@ from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Frame
 from ..terrain.polygon import checked_sole
-from .actuators import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
+from .leg import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
 
 if TYPE_CHECKING:
     from .reach_sets import Sets
@@ -342,7 +342,7 @@ class LegSource:
             return robot.model
         if robot.drawn is None:
             raise no_legs(robot.name)
-        from .drawn_legs import drawn_model  # slow to import
+        from .robot_file import drawn_model  # slow to import
 
         return drawn_model(robot.name, robot.mass_kg, robot.limbs, servo or robot.drawn)
 
@@ -406,7 +406,7 @@ class LegSource:
         robot = self.robot
         if robot.drawn is None:
             return "" if self.own else str(no_legs(robot.name))
-        from .drawn_legs import drawn_urdf  # asked for by few
+        from .robot_file import drawn_urdf  # asked for by few
 
         try:
             drawn_urdf(robot.name, robot.mass_kg, robot.limbs, robot.drawn)

@@ -58,8 +58,7 @@ def test_a_sheet_that_is_there_from_both_sides_has_one_surface_and_stacked_boxes
     assert all(patch.normal[2] > 0.0 for patch in found.surfaces)
     boxes = block((0.0, 1.0), (0.0, 1.0), 0.0, 0.5), block((0.2, 0.8), (0.2, 0.8), 0.5, 1.0)
     stacked = read_footholds(saved(tmp_path / "b.stl", *boxes), limits=PLAIN)
-    obstacles = Obstacles.of(stacked.surfaces)
-    assert sum("body" in name for name, _ in obstacles.convex) == 2
+    assert sum("body" in name for name, _ in Obstacles.of(stacked.surfaces).convex) == 2
 
 
 def test_a_box_without_a_bottom_hides_the_ground_under_it(tmp_path):
@@ -185,8 +184,11 @@ def test_no_plane_lies_over_a_step_of_a_noisy_map():
 def exact_ground(height):
     """The footholds of a map whose heights, a function of x and y, are exact."""
     x_m, y_m = np.arange(-0.4, 0.401, 0.02), np.arange(-0.3, 0.301, 0.02)
-    places = np.meshgrid(x_m, y_m, indexing="ij")
-    return footholds_of(ElevationMap(x_m=x_m, y_m=y_m, heights_m=height(*places), name="exact"))
+    return footholds_of(
+        ElevationMap(
+            x_m=x_m, y_m=y_m, heights_m=height(*np.meshgrid(x_m, y_m, indexing="ij")), name="exact"
+        )
+    )
 
 
 @pytest.mark.parametrize(
