@@ -143,13 +143,7 @@ def descend(
         better = far < error[open_]
         best[open_[better]], error[open_[better]] = q[better], far[better]
         going = far > exact_m
-        open_, q, jacobian, gap, far = (
-            open_[going],
-            q[going],
-            jacobian[going],
-            gap[going],
-            far[going],
-        )
+        open_, q, jacobian, gap, far = (each[going] for each in (open_, q, jacobian, gap, far))
         if not len(open_):
             break
         damping = _DAMPING * far[:, None, None]

@@ -90,11 +90,9 @@ class Kinematics:
         self.joints, self.radii_m = self.model.joint_names, robot.source.foot_radii_m
         self.soles = any(leg.sole is not None for leg in legs)
         self.rotor_kg_m2 = self.model.rotors_kg_m2
-        self.lower_rad, self.upper_rad = (
-            np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad")
-        )
-        self.torque_nm, self.velocity_rad_s = (
-            np.array([getattr(j, name) for j in joints]) for name in ("torque_nm", "velocity_rad_s")
+        names = ("lower_rad", "upper_rad", "torque_nm", "velocity_rad_s")
+        self.lower_rad, self.upper_rad, self.torque_nm, self.velocity_rad_s = (
+            np.array([getattr(joint, name) for joint in joints]) for name in names
         )
         self.torque_nm[np.isin(self.joints, [name for name, _ in self.model.torque_doubts])] = (
             np.inf

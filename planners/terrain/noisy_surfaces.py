@@ -86,9 +86,9 @@ surface [m]."""
 _TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
 round by round."""
-_LUMPS, _LUMP_SD, _LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
-"""Sides of squares of cells whose means over a surface are looked at, and how far they may be off its plane: in
-deviations of the mean, and in times the roughness."""
+_LUMPS, _LUMP_SD = (((3, 5, 7), 2.0), ((1,), 1.0)), 3.5
+"""Sides of squares of cells whose means over a surface are looked at, of noisy and of exact heights, and how far
+they may be off its plane: in times the roughness, and in deviations of the mean."""
 _LOOKS = 4
 """How often hidden edges are looked for, each time without those that were found."""
 _CLOSED, _MOST_VOTES, _ALONE = 3, 5, 4.5
@@ -204,9 +204,9 @@ def _lumps(
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
     one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
     sums = np.stack([one, z - a * x - b * y - c * one])
-    exact = noise_m < QUIET * limits.roughness_m
-    rough_m = (1.0 if exact else _LUMP_ROUGH) * limits.roughness_m
-    for side in (1,) if exact else _LUMPS:
+    sides, rough = _LUMPS[noise_m < QUIET * limits.roughness_m]
+    rough_m = rough * limits.roughness_m
+    for side in sides:
         count, off = boxed(sums, side)
         most = (_LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
         lumps |= (labels >= 0) & (off**2 > most)
