@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3129, 42904),
     "learners": (5265, 77780),
-    "planners": (35357, 581126),
+    "planners": (35355, 581124),
     "runner": (6646, 91104),
     "views": (4319, 69599),
 }

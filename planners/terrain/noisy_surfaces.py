@@ -67,8 +67,8 @@ _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, 
 _FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
 _AWAY = (0.5, 0.1)
-"""Cells may be so far off the plane of their surface beside its noise, of noisy and of exact heights,
-in shares of the roughness."""
+"""Cells may be so far off the plane of their surface beside its noise, of noisy ones and of exact
+grids, in shares of the roughness."""
 _AGREEMENT, _SWEEPS = 1.5, 4
 """What a neighbour of the same surface counts for, as a difference of squares in variances of the
 noise, and how often borders are looked at."""
@@ -205,10 +205,9 @@ def _lumps(
     one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
     sums = np.stack([one, z - a * x - b * y - c * one])
     sides, rough = _LUMPS[noise_m < QUIET * limits.roughness_m]
-    rough_m = rough * limits.roughness_m
     for side in sides:
         count, off = boxed(sums, side)
-        most = (_LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
+        most = (_LUMP_SD * noise_m) ** 2 * count + (rough * limits.roughness_m * count) ** 2
         lumps |= (labels >= 0) & (off**2 > most)
     return lumps
 
@@ -600,7 +599,7 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
     if not len(planes):
         return labels
     labels = labels.copy()
-    rough_m = _AWAY[noise_m < QUIET * limits.roughness_m] * limits.roughness_m
+    rough_m = _AWAY[noise_m < QUIET * limits.roughness_m and not cells.sparse] * limits.roughness_m
     variance = np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2 + rough_m**2
     mean, (x, y), one = cells.heights, cells.places, cells.moments[0]
     for _ in range(_SWEEPS):
@@ -615,8 +614,11 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
             / variance[of]
         )
         votes = np.sum(around[None] == candidates[:, None], axis=1)
-        near = off <= _FARTHEST**2 * cells.weight
-        energy = np.where((candidates >= 0) & near, off - _AGREEMENT * votes, np.inf)
+        energy = np.where(
+            (candidates >= 0) & (off <= _FARTHEST**2 * cells.weight),
+            off - _AGREEMENT * votes,
+            np.inf,
+        )
         alone = ~np.isfinite(energy).any(axis=0)
         best = np.where(alone, -1, candidates[energy.argmin(axis=0), np.arange(len(i))])
         if np.array_equal(best, label):
