@@ -30,7 +30,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
-from stancekit.planners.robot.actuators import read_actuators
+from stancekit.planners.robot.leg import read_actuators
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStage

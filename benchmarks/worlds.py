@@ -24,7 +24,7 @@ from clothes import drawn, size_m
 import stancekit
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.motion.plan_motion import Timing
-from stancekit.planners.robot.actuators import ActuatorModel, Actuators
+from stancekit.planners.robot.leg import ActuatorModel, Actuators
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings

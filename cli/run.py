@@ -313,7 +313,7 @@ class RunMotion:
         """Check, run, report."""
         from stancekit import RunReport
         from stancekit.motions import LIFT, WORLDS, check_run, policy_of, run
-        from stancekit.planners.robot.actuators import read_actuators
+        from stancekit.planners.robot.leg import read_actuators
         from stancekit.runner.acceptance import Accepted
         from stancekit.runner.safety.estop import on_signals
         from stancekit.runner.worlds.settings import SoftContact, WorldSettings

@@ -30,7 +30,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import to_json
 from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.actuators import ActuatorModel
+from stancekit.planners.robot.leg import ActuatorModel
 from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.verify import Report

@@ -20,7 +20,7 @@ from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.actuators import Actuators
+from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 

@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1360, 16748),
-    "cli": (3335, 39441),
+    "api": (1359, 16743),
+    "cli": (3327, 39417),
     "configs": (3, 30),
     "envs": (3129, 42896),
-    "learners": (5264, 77769),
-    "planners": (35297, 580030),
-    "runner": (6636, 90895),
-    "views": (4317, 69536),
+    "learners": (5262, 77750),
+    "planners": (35273, 580098),
+    "runner": (6632, 90891),
+    "views": (4311, 69522),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

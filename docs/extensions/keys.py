@@ -72,7 +72,7 @@ SECTIONS = (
     Section(
         "Actuators",
         "`stancekit/actuators/1`, YAML or JSON; see [in simulation](../simulate.md).",
-        ("planners.robot.actuators:Actuators",),
+        ("planners.robot.leg:Actuators",),
     ),
     Section(
         "Distributions of postures",

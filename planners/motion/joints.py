@@ -18,7 +18,13 @@ from ..answer.trajectory import Trajectory
 from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..robot.inverse_kinematics import ToeKinematics, WholeBody, descend_legs
+from ..robot.inverse_kinematics import (
+    InverseKinematics,
+    WholeBody,
+    centres_of,
+    descend_legs,
+    seeds_of,
+)
 from ..robot.kinematics import Kinematics
 from ..robot.leg import rotations_of
 from ..robot.model import robot_of
@@ -43,7 +49,8 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[l
         trajectory.rotation[samples],
         trajectory.feet_m[samples],
     )
-    return ToeKinematics(model).solve(torso, rotation, feet, normals)
+    legs = InverseKinematics(seeds_of(model.legs))
+    return legs.solve(centres_of(model, torso, rotation, feet, normals), near=legs.standing)
 
 
 class MovingBody:
@@ -53,7 +60,7 @@ class MovingBody:
 
     def __init__(self, model: RobotModel) -> None:
         self.model, self.kinematics = model, Kinematics(robot_of(model))
-        self._solver = ToeKinematics(model)
+        self._solver = InverseKinematics(seeds_of(model.legs))
 
     def postures(
         self,
@@ -86,11 +93,12 @@ class MovingBody:
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))
         for _ in range(rounds):
             standing = origin + rotation @ body_m
+            feet = centres_of(self.model, standing, rotation, toes_m, normals)
             if steps and angles is not None:
-                feet = self._solver.centres(standing, rotation, toes_m, normals)
                 angles, _ = descend_legs(self.model.legs, feet, angles, steps=steps)
             else:
-                legs, _ = self._solver.solve(standing, rotation, toes_m, normals, near=angles)
+                start = self._solver.standing if angles is None else angles
+                legs, _ = self._solver.solve(feet, near=start)
                 angles = np.concatenate(legs, axis=1)
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
         assert angles is not None

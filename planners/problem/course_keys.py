@@ -22,7 +22,7 @@ from pydantic import (
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from ..files.codec import KEYS
-from ..robot.actuators import Servo
+from ..robot.leg import Servo
 from ..robot.model import Limb, ReachRows, Robot, hexapod
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD

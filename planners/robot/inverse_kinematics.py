@@ -143,13 +143,7 @@ def descend(
         better = far < error[open_]
         best[open_[better]], error[open_[better]] = q[better], far[better]
         going = far > exact_m
-        open_, q, jacobian, gap, far = (
-            open_[going],
-            q[going],
-            jacobian[going],
-            gap[going],
-            far[going],
-        )
+        open_, q, jacobian, gap, far = (each[going] for each in (open_, q, jacobian, gap, far))
         if not len(open_):
             break
         q = stepped(q, jacobian, gap, _DAMPING * far[:, None, None], _LONGEST_STEP, (lower, upper))
@@ -319,7 +313,8 @@ def starts_of(leg: Leg, count: int, rng: np.random.Generator) -> Array:
 
 
 class InverseKinematics:
-    """All legs of a robot.
+    """All legs of a robot, and the posture in which they stand, which keeps the bend of their knees,
+    shape (J,) [rad].
 
     Not for use by several threads at once.
     """
@@ -331,7 +326,7 @@ class InverseKinematics:
             seeds: seeds of every leg, in the robot's order.
         """
         self.legs = tuple(seeds)
-        self.standing = [seed.leg.stance_rad for seed in seeds]
+        self.standing = np.concatenate([seed.leg.stance_rad for seed in seeds])
 
     def solve(
         self,
@@ -354,7 +349,8 @@ class InverseKinematics:
             raise InvalidInput(
                 f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}"
             )
-        ups, ends = np.broadcast_to(up, target.shape), np.cumsum([0, *map(len, self.standing)])
+        ups = np.broadcast_to(up, target.shape)
+        ends = np.cumsum([0, *(len(each.leg.joints) for each in self.legs)])
         starts = None if near is None else np.broadcast_to(near, (len(target), ends[-1]))
         answers = [
             leg.solve(target[:, i], None if starts is None else starts[:, a:b], ups[:, i])
@@ -363,46 +359,21 @@ class InverseKinematics:
         return [q for q, _ in answers], np.stack([e for _, e in answers], axis=1)
 
 
-class ToeKinematics:
-    """All legs of a robot whose body's origin is the centre of mass of the standing robot."""
+def centres_of(
+    model: RobotModel, com_m: ArrayLike, rotation: ArrayLike, toes_m: ArrayLike, normals: ArrayLike
+) -> Array:
+    """Centres of the feet in the base's frame, shape (K, N, 3) [m], of K stances of N legs of a robot
+    whose body's origin is the centre of mass of the standing robot.
 
-    def __init__(self, model: RobotModel) -> None:
-        self.model, self._solver = model, InverseKinematics(seeds_of(model.legs))
-
-    def solve(
-        self,
-        com_m: ArrayLike,
-        rotation: ArrayLike,
-        toes_m: ArrayLike,
-        normals: ArrayLike,
-        near: ArrayLike | None = None,
-    ) -> tuple[list[Array], Array]:
-        """Angles of K stances of N legs, each found from the standing posture, so that knees keep
-        their bend, and errors of the feet, as ``InverseKinematics.solve`` has them.
-
-        Arguments:
-            com_m: p_WC, shape (K, 3) [m].
-            rotation: R_WB, shape (K, 3, 3).
-            toes_m: p_WF, and normals of the ground there, on which a foot is a sphere, shape (K, N,
-                3).
-            near: all joints in the model's order, shape (K, J) [rad], in place of those of the
-                standing posture.
-        """
-        feet = self.centres(com_m, rotation, toes_m, normals)
-        start = np.concatenate(self._solver.standing) if near is None else near
-        return self._solver.solve(feet, near=start)
-
-    def centres(
-        self, com_m: ArrayLike, rotation: ArrayLike, toes_m: ArrayLike, normals: ArrayLike
-    ) -> Array:
-        """Centres of the feet in the base's frame, shape (K, N, 3) [m]; arguments as of
-        ``solve``.
-        """
-        radii = np.array([[leg.radius_m] for leg in self.model.legs])
-        centres = np.asarray(toes_m) + radii * np.asarray(normals)
-        arms = centres - np.asarray(com_m)[:, None]
-        turned = np.einsum("kji,knj->kni", np.asarray(rotation), arms)
-        return np.asarray(turned + self.model.com_m)
+    Arguments:
+        com_m: p_WC, shape (K, 3) [m].
+        rotation: R_WB, shape (K, 3, 3).
+        toes_m: p_WF, and normals of the ground there, on which a foot is a sphere, shape (K, N, 3).
+    """
+    radii = np.array([[leg.radius_m] for leg in model.legs])
+    arms = np.asarray(toes_m) + radii * np.asarray(normals) - np.asarray(com_m)[:, None]
+    turned = np.einsum("kji,knj->kni", np.asarray(rotation), arms)
+    return np.asarray(turned + model.com_m)
 
 
 def base_of(model: RobotModel, com_m: Array, rotation: Array) -> Array:

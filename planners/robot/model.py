@@ -40,7 +40,7 @@ from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Frame
 from ..terrain.polygon import checked_sole
-from .actuators import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
+from .leg import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, Servo
 
 if TYPE_CHECKING:
     from .reach_sets import Sets
@@ -558,7 +558,7 @@ class Robot:
             return self.model
         if self.drawn is None:
             raise no_legs(self.name)
-        from .drawn_legs import drawn_model  # slow to import
+        from .robot_file import drawn_model  # slow to import
 
         return drawn_model(self.name, self.mass_kg, self.limbs, servo or self.drawn)
 
@@ -620,7 +620,7 @@ class Robot:
         """
         if self.drawn is None:
             return "" if self.own else str(no_legs(self.name))
-        from .drawn_legs import drawn_urdf  # asked for by few
+        from .robot_file import drawn_urdf  # asked for by few
 
         try:
             drawn_urdf(self.name, self.mass_kg, self.limbs, self.drawn)

@@ -23,11 +23,10 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
-from .actuators import Servo
 from .contacts import check_contacts, with_balls
 from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .inverse_kinematics import REACHED_M, descend
-from .leg import FootContact, Leg, Mount
+from .leg import FootContact, Leg, Mount, Servo
 from .leg_search import Found, Waist, legs_of
 from .meshes import Shape, disabled_pairs, remove_empty_shapes, shapes_of
 from .mjcf import Mjcf

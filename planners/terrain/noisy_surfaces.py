@@ -66,6 +66,9 @@ OFF = 2.5
 _NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 _FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
+_AWAY = (0.5, 0.1)
+"""Cells may be so far off the plane of their surface beside its noise, of noisy ones and of exact
+grids, in shares of the roughness."""
 _AGREEMENT, _SWEEPS = 1.5, 4
 """What a neighbour of the same surface counts for, as a difference of squares in variances of the
 noise, and how often borders are looked at."""
@@ -75,16 +78,17 @@ smaller one may be off, whose cells were chosen by their heights."""
 _ROUNDS, _LLOYD, _JOINED = 12, 4, 16
 QUIET = 0.25
 """Noise below this share of the roughness is a part of it: heights are exact."""
-_FINE_M, _TWO, _NARROWEST_M = 0.04, 0.5, 0.08
-"""Of exact heights: side of the blocks that are looked at first [m]; two planes are far nearer than
-one if their rms is less than this share of its; halves that are narrower in the mean are waves of
-one surface [m]."""
+_FINE_M, _SPIKES, _TWO, _NARROWEST_M = 0.04, 0.02, 0.5, 0.08
+"""Of exact heights: side of the blocks that are looked at first [m]; a surface is no plane of whose
+cells more than this share is off it by more than the roughness; two planes are far nearer than one
+if their rms is less than this share of its; halves that are narrower in the mean are waves of one
+surface [m]."""
 _TRIMMED = (2.0, 2.0, 1.7, 1.7, 1.5)
 """Cells farther than this off a surface that is no plane are taken from it, in its largest rms,
 round by round."""
-_LUMPS, _LUMP_SD, _LUMP_ROUGH = (3, 5, 7), 3.5, 2.0
-"""Sides of squares of cells whose means over a surface are looked at, and how far they may be off its plane: in
-deviations of the mean, and in times the roughness."""
+_LUMPS, _LUMP_SD = (((3, 5, 7), 2.0), ((1,), 1.0)), 3.5
+"""Sides of squares of cells whose means over a surface are looked at, of noisy and of exact heights, and how far
+they may be off its plane: in times the roughness, and in deviations of the mean."""
 _LOOKS = 4
 """How often hidden edges are looked for, each time without those that were found."""
 _CLOSED, _MOST_VOTES, _ALONE = 3, 5, 4.5
@@ -191,7 +195,7 @@ def _lumps(
     labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_m: float
 ) -> NDArray[np.bool_]:
     """Cells about which the mean of a surface is off its plane by more than noise and roughness
-    are.
+    are; of exact heights each cell by itself.
     """
     planes = fitted(labels, cells)[0]
     lumps = np.zeros(labels.shape, dtype=bool)
@@ -200,10 +204,10 @@ def _lumps(
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
     one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
     sums = np.stack([one, z - a * x - b * y - c * one])
-    rough_m = _LUMP_ROUGH * limits.roughness_m
-    for side in _LUMPS:
+    sides, rough = _LUMPS[noise_m < QUIET * limits.roughness_m]
+    for side in sides:
         count, off = boxed(sums, side)
-        most = (_LUMP_SD * noise_m) ** 2 * count + (rough_m * count) ** 2
+        most = (_LUMP_SD * noise_m) ** 2 * count + (rough * limits.roughness_m * count) ** 2
         lumps |= (labels >= 0) & (off**2 > most)
     return lumps
 
@@ -368,6 +372,9 @@ def _misfits(
     )
     large = count >= 2 * _FEWEST
     exact = noise_m < QUIET * limits.roughness_m
+    if exact:
+        far = (labels >= 0) & (np.abs(residuals(labels, cells)) > limits.roughness_m)
+        bent |= np.bincount(labels[far], minlength=len(rms)) > _SPIKES * count
     return bent & large, exact & large & (rms > QUIET * limits.roughness_m), rms
 
 
@@ -592,10 +599,8 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
     if not len(planes):
         return labels
     labels = labels.copy()
-    variance = (
-        np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2
-        + (0.5 * limits.roughness_m) ** 2
-    )
+    rough_m = _AWAY[noise_m < QUIET * limits.roughness_m and not cells.sparse] * limits.roughness_m
+    variance = np.maximum(np.minimum(rms, limits.roughness_m), noise_m) ** 2 + rough_m**2
     mean, (x, y), one = cells.heights, cells.places, cells.moments[0]
     for _ in range(_SWEEPS):
         around, (i, j) = _around(labels, cells.known, same=False)
@@ -609,8 +614,11 @@ def _bordered(labels: Labels, cells: GroundCells, limits: FootholdLimits, noise_
             / variance[of]
         )
         votes = np.sum(around[None] == candidates[:, None], axis=1)
-        near = off <= _FARTHEST**2 * cells.weight
-        energy = np.where((candidates >= 0) & near, off - _AGREEMENT * votes, np.inf)
+        energy = np.where(
+            (candidates >= 0) & (off <= _FARTHEST**2 * cells.weight),
+            off - _AGREEMENT * votes,
+            np.inf,
+        )
         alone = ~np.isfinite(energy).any(axis=0)
         best = np.where(alone, -1, candidates[energy.argmin(axis=0), np.arange(len(i))])
         if np.array_equal(best, label):

@@ -2,7 +2,7 @@
 needs.
 
 Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form
-family of postures (``planners.robot.drawn_legs``): comfortable ones, and near each other, so that no
+family of postures (``planners.robot.kinematics``): comfortable ones, and near each other, so that no
 joint jumps from one branch to another and no limb walks into a joint limit that a posture on the
 way would have avoided. A plan that has joint angles has chosen: its motion goes through them. Where
 a limb that is drawn up would jump on the way between them, while it swings, that swing alone is
@@ -25,16 +25,15 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.motion import Played, Samples, smooth
 from stancekit.planners.motion.plan_motion import moments_at
-from stancekit.planners.robot.actuators import JOINTS
-from stancekit.planners.robot.drawn_legs import (
+from stancekit.planners.robot.kinematics import (
     NEAR,
+    Kinematics,
     clearance_of,
     link_lengths,
     outward_rad,
     posture_cost,
 )
-from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.leg import rotation_of
+from stancekit.planners.robot.leg import JOINTS, rotation_of
 from stancekit.planners.terrain.patch import Solid
 
 _MIDDLES = (0.1, 0.3, 0.5, 0.7, 0.9)

@@ -35,9 +35,8 @@ from stancekit.planners.motion.leap_motion import leap_motion
 from stancekit.planners.motion.motion import Played, Samples, between, stacked
 from stancekit.planners.motion.plan_motion import KNOTS, Timing, plan_motion
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
-from stancekit.planners.robot.actuators import ActuatorModel
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.robot.leg import continued
+from stancekit.planners.robot.leg import ActuatorModel, continued
 from stancekit.planners.robot.model import walking_robot
 
 from ..acceptance import JointNeeds

@@ -10,7 +10,7 @@ import numpy as np
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, read_only
-from stancekit.planners.robot.actuators import ActuatorModel, Actuators
+from stancekit.planners.robot.leg import ActuatorModel, Actuators
 from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel, resisting_nm
 
 

@@ -15,7 +15,7 @@ from stancekit.planners.files.arrays import Array, checked
 from stancekit.planners.files.documents import read_yaml, shown, validated
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.actuators import Actuators
+from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo
 
 from .drives import Imperfections

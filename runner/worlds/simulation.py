@@ -20,8 +20,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.actuators import Actuators
-from stancekit.planners.robot.leg import Leg
+from stancekit.planners.robot.leg import Actuators, Leg
 from stancekit.planners.robot.meshes import Shape, pose_of, write_pose
 from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
 from stancekit.planners.robot.robot_file import Servo

@@ -21,7 +21,7 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.plugins import Registry
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.actuators import Actuators
+from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Ground as Ground

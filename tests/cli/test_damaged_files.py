@@ -30,7 +30,7 @@ from stancekit.cli.sample import Sample
 from stancekit.cli.verify import Verify
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.robot import Limb, Robot, hexapod
-from stancekit.planners.robot.actuators import Servo
+from stancekit.planners.robot.leg import Servo
 from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
 from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said

@@ -137,7 +137,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "run": {
         LATER: (
             "planners.motion.plan_motion",
-            "planners.robot.actuators",
+            "planners.robot.leg",
             "runner.acceptance",
             "runner.settings",
             "runner.worlds.settings",

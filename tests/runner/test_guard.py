@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from stancekit.planners.errors import HardwareFault
-from stancekit.planners.robot.actuators import ActuatorModel
+from stancekit.planners.robot.leg import ActuatorModel
 from stancekit.runner import acceptance
 from stancekit.runner.acceptance import JointNeeds, thermal_load
 from stancekit.runner.safety.estop import Stopped

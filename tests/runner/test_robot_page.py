@@ -14,7 +14,7 @@ import pytest
 from stancekit.cli.main import main
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.robot.actuators import read_actuators
+from stancekit.planners.robot.leg import read_actuators
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, check_fits

@@ -17,8 +17,8 @@ from stancekit.planners.motion.plan_motion import Timing, plan_motion
 from stancekit.planners.problem.contact import at_point
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import ActuatorModel, Actuators
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.runner.acceptance import Accepted

@@ -15,8 +15,8 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import ActuatorModel, Actuators
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.search.two_stage import TwoStage

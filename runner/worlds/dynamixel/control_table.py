@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Field
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.actuators import builtin_actuators
+from stancekit.planners.robot.leg import builtin_actuators
 
 from ..world import SetupFile, own
 

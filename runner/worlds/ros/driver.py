@@ -20,7 +20,7 @@ import numpy as np
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.actuators import Actuators
+from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo, joint_names
 
 from ...safety.estop import StopLatch

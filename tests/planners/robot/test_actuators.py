@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.planners.robot.actuators import (
+from stancekit.planners.robot.leg import (
     ActuatorModel,
     Actuators,
+    Joint,
     builtin_actuators,
     read_actuators,
 )
-from stancekit.planners.robot.leg import Joint
 from tests.refusals import refuses
 
 FILE = """

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.actuators import FOOT_RADIUS_M, Servo
-from stancekit.planners.robot.drawn_legs import directions, link_lengths, outward_rad, swivels
+from stancekit.planners.robot.kinematics import directions, link_lengths, outward_rad, swivels
+from stancekit.planners.robot.leg import FOOT_RADIUS_M, Servo
 from stancekit.planners.search.two_stage import TwoStage
 
 pytest.importorskip("pinocchio")

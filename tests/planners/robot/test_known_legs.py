@@ -18,8 +18,8 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.actuators import Servo
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import Servo
 from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.reach_sets import workspaces_of
 from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names

@@ -15,7 +15,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.actuators import Servo
+from stancekit.planners.robot.leg import Servo
 from stancekit.planners.robot.robot_file import (
     FOOT_RADIUS_M,
     MOST_LETTERS,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.drawn_legs import link_lengths
+from stancekit.planners.robot.kinematics import link_lengths
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names
 from tests.refusals import refuses
 

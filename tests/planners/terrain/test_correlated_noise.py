@@ -66,8 +66,7 @@ def test_noise_that_is_told_is_no_bumps_and_its_planes_are_off_by_what_they_say(
     )
     assert told.noise_length_m == pytest.approx(LENGTH_M, rel=0.4)
     assert "bumps" not in told.noise_source
-    errors = errors_in_deviations(told)
-    assert 0.3 < np.sqrt(np.mean(errors**2)) < 1.6
+    assert 0.3 < np.sqrt(np.mean(errors_in_deviations(told) ** 2)) < 1.6
     assert max(p.patch.certainty.rough_m for p in told.pieces) < 0.004
     assert min(p.patch.certainty.rough_m for p in untold.pieces) > 0.006
 
@@ -98,8 +97,9 @@ def test_neighbours_say_how_alike_noise_is_that_is_told():
     noise *= 0.03 / noise.std()
     lines = np.arange(80) * 0.03, np.arange(54) * 0.03
     terrain = ElevationMap(x_m=lines[0], y_m=lines[1], heights_m=beams + noise, name="beams")
-    told = footholds_of(terrain, FootholdLimits(noise_m=0.03))
-    assert told.noise_length_m == pytest.approx(LENGTH_M, rel=0.3)
+    assert footholds_of(terrain, FootholdLimits(noise_m=0.03)).noise_length_m == pytest.approx(
+        LENGTH_M, rel=0.3
+    )
     white = np.random.default_rng(4).standard_normal((80, 54))
     terrain = ElevationMap(x_m=lines[0], y_m=lines[1], heights_m=beams + 0.03 * white, name="beams")
     assert footholds_of(terrain, FootholdLimits(noise_m=0.03)).noise_length_m == 0.0

@@ -2,6 +2,8 @@
 noisy maps as well.
 """
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -9,6 +11,7 @@ from stancekit.planners.errors import NoPlace
 from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.course_terrain import FileTerrain
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of, read_footholds
 from stancekit.planners.terrain.import_options import ImportOptions
@@ -55,8 +58,7 @@ def test_a_sheet_that_is_there_from_both_sides_has_one_surface_and_stacked_boxes
     assert all(patch.normal[2] > 0.0 for patch in found.surfaces)
     boxes = block((0.0, 1.0), (0.0, 1.0), 0.0, 0.5), block((0.2, 0.8), (0.2, 0.8), 0.5, 1.0)
     stacked = read_footholds(saved(tmp_path / "b.stl", *boxes), limits=PLAIN)
-    obstacles = Obstacles.of(stacked.surfaces)
-    assert sum("body" in name for name, _ in obstacles.convex) == 2
+    assert sum("body" in name for name, _ in Obstacles.of(stacked.surfaces).convex) == 2
 
 
 def test_a_box_without_a_bottom_hides_the_ground_under_it(tmp_path):
@@ -118,8 +120,7 @@ def good_share(found, truth, limits, rng):
     counts = np.zeros(2)
     for piece in found.pieces:
         corners, normal = piece.patch.vertices_m, piece.patch.normal
-        weights = rng.dirichlet(np.ones(len(corners)), 20)
-        points = weights @ corners
+        points = rng.dirichlet(np.ones(len(corners)), 20) @ corners
         foot = points[:, None, :2] + 0.02 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
         i, j = (
             np.clip(np.round((foot[..., k] - GRID[0]) / 0.02).astype(int), 0, 199) for k in range(2)
@@ -145,12 +146,13 @@ def test_footholds_of_a_noisy_map_are_good_on_the_true_terrain(name):
 
 
 def test_a_course_is_laid_out_between_two_places_and_refused_in_the_air(tmp_path):
-    floor = block((-1.0, 2.0), (-1.0, 1.0), -0.2, 0.0)
-    step = block((0.6, 2.0), (-1.0, 1.0), 0.0, 0.08)
-    path = saved(tmp_path / "step.stl", floor, step)
-    terrain = FileTerrain(file=str(path))
-    spec = course_between(terrain, (-0.413, 0.017), (1.3, 0.0))  # between the nodes of any grid
-    course = build_course(spec)
+    path = saved(
+        tmp_path / "step.stl",
+        block((-1.0, 2.0), (-1.0, 1.0), -0.2, 0.0),
+        block((0.6, 2.0), (-1.0, 1.0), 0.0, 0.08),
+    )
+    terrain = FileTerrain(file=str(path))  # and a place between the nodes of any grid
+    course = build_course(course_between(terrain, (-0.413, 0.017), (1.3, 0.0)))
     assert course.com_nominal_m[0, :2] == pytest.approx([-0.413, 0.017], abs=1e-12)
     assert course.com_nominal_m[-1, :2] == pytest.approx([1.3, 0.0])
     pieces = np.array(
@@ -169,8 +171,7 @@ def test_a_course_is_laid_out_between_two_places_and_refused_in_the_air(tmp_path
 def test_no_plane_lies_over_a_step_of_a_noisy_map():
     """Of 4 cm, whose plane is off by a quarter of that."""
     x_m, y_m = np.arange(-1.0, 1.001, 0.02), np.arange(-0.6, 0.601, 0.02)
-    noise = np.random.default_rng(3).normal(0.0, 0.002, (len(x_m), len(y_m)))
-    heights = 0.04 * (x_m[:, None] > 0.0) + noise
+    heights = np.random.default_rng(3).normal(0.04 * (x_m[:, None] > 0.0), 0.002, (101, 61))
     ground = ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="steps")
     found = footholds_of(ground, FootholdLimits(noise_m=0.002))
     assert len(found.pieces) >= 2
@@ -183,8 +184,11 @@ def test_no_plane_lies_over_a_step_of_a_noisy_map():
 def exact_ground(height):
     """The footholds of a map whose heights, a function of x and y, are exact."""
     x_m, y_m = np.arange(-0.4, 0.401, 0.02), np.arange(-0.3, 0.301, 0.02)
-    heights = height(*np.meshgrid(x_m, y_m, indexing="ij"))
-    return footholds_of(ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="exact"))
+    return footholds_of(
+        ElevationMap(
+            x_m=x_m, y_m=y_m, heights_m=height(*np.meshgrid(x_m, y_m, indexing="ij")), name="exact"
+        )
+    )
 
 
 @pytest.mark.parametrize(
@@ -218,6 +222,26 @@ def test_what_exact_heights_are_off_their_plane_is_known_to_be_there():
     assert 0.004 / 3.0 < max(p.patch.certainty.rough_m for p in found.pieces) < 0.005
     assert all(p.patch.certainty.rough_m > 0.001 for p in found.pieces)
     assert all(p.patch.certainty is None for p in level.pieces)
+
+
+@pytest.mark.parametrize("degrees", [0.0, 90.0, 30.0])
+def test_a_grid_gives_the_surfaces_that_the_mesh_of_the_same_ground_gives(degrees):
+    """Three planes that bend by 11 and 16 degrees, and areas within a tenth."""
+    along, up, turn = [-0.8, -0.3, 0.2, 0.8], [0.0, 0.0, 0.1, 0.05], np.radians(degrees)
+    edges = [np.array([(a, s, b) for s in (-0.5, 0.5)]) for a, b in zip(along, up, strict=True)]
+    sheets = [
+        surface_patch(np.concatenate([b, a[::-1]]) @ rotation_of([0.0, 0.0, turn]), 0.8)
+        for a, b in pairwise(edges)
+    ]
+    u, v = X * np.cos(turn) - Y * np.sin(turn), X * np.sin(turn) + Y * np.cos(turn)
+    heights = np.where((abs(u) < 0.8) & (abs(v) < 0.5), np.interp(u, along, up), np.nan)
+    grid = ElevationMap(x_m=GRID, y_m=GRID, heights_m=heights, name="grid")
+    areas = []
+    for ground in (TriangleMesh.of_patches(sheets, "mesh"), grid):
+        pieces = footholds_of(ground).pieces
+        area_m2 = np.bincount([p.surface for p in pieces], [p.area_m2 for p in pieces])
+        areas.append(sorted(area_m2[area_m2 > 0.0]))
+    assert areas[1] == pytest.approx(areas[0], rel=0.1)
 
 
 def islands(step):

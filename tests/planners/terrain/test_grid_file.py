@@ -61,8 +61,7 @@ def test_a_mesh_is_sampled_at_its_upper_side(tmp_path, suffix):
     mesh().export(tmp_path / f"m.{suffix}")
     field = read_heights(tmp_path / f"m.{suffix}", ImportOptions(spacing_m=0.05))
     assert field.heights_m.shape == (41, 41)
-    expected = wave(field.x_m[:, None], field.y_m)
-    np.testing.assert_allclose(field.heights_m, expected, atol=2e-6)
+    np.testing.assert_allclose(field.heights_m, wave(field.x_m[:, None], field.y_m), atol=2e-6)
 
 
 def test_of_a_mesh_with_an_overhang_the_top_counts(tmp_path):
@@ -105,8 +104,9 @@ def test_a_wall_that_its_spline_cannot_hold_is_refused_by_millimetres_and_may_be
     beyond = max(line.max() - 0.6, -line.min())  # natural cubic splines swing beyond a step
     assert beyond > 0.03
     assert_names(str(caught.value), "step.npy", f"{1e3 * beyond:.0f}", "smooth_m")
-    smooth = read_heights(tmp_path / "step.npy", smooth_m=0.05)
-    assert np.ptp(smooth.heights_m) == pytest.approx(0.6, abs=0.01)
+    assert np.ptp(read_heights(tmp_path / "step.npy", smooth_m=0.05).heights_m) == pytest.approx(
+        0.6, abs=0.01
+    )
     assert read_heights(tmp_path / "step.npy", tolerance_m=0.1).heights_m.max() == 0.6
 
 

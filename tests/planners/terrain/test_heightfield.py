@@ -173,8 +173,7 @@ def test_random_terrains_repeat_by_seed_rise_with_difficulty_and_are_level_at_th
     assert 0.0 < np.ptp(easy.heights_m) < np.ptp(hard.heights_m)
     np.testing.assert_array_equal(named_terrain(names[2]).heights_m, hard.heights_m)
     assert np.any(named_terrain(f"{family}:1.0:6").heights_m != hard.heights_m)
-    disc = around(hard, 200, -3.6)
-    assert np.max(np.abs(hard.height(disc))) < 1e-3
+    assert np.max(np.abs(hard.height(around(hard, 200, -3.6)))) < 1e-3
 
 
 FOUR, LEVEL = np.arange(4.0), np.zeros((4, 4))

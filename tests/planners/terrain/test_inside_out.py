@@ -190,8 +190,7 @@ def test_one_of_thousands_of_touching_solids_is_found():
     assert inside_out(corners, number.reshape(-1, 3)) is None
     faces = number.reshape(-1, 12, 3).copy()
     faces[777] = faces[777, :, ::-1]
-    middle = inside_out(corners, faces.reshape(-1, 3))
-    np.testing.assert_allclose(middle, low[777] + 0.5, atol=0.51)
+    np.testing.assert_allclose(inside_out(corners, faces.reshape(-1, 3)), low[777] + 0.5, atol=0.51)
     mesh = TriangleMesh.of(corners, number.reshape(-1, 3), ImportOptions(), "blocks")
     assert len(mesh.triangles) == len(spread)
 

@@ -23,8 +23,9 @@ def ground(vertices) -> Patch:
 def test_a_sole_looks_forward_at_yaw_zero_and_turns_to_the_left():
     patch = ground([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     np.testing.assert_allclose(sole_offsets(SOLE, patch, 0.0)[:, :2], SOLE, atol=1e-15)
-    left = sole_offsets(SOLE, patch, 0.5 * np.pi)
-    np.testing.assert_allclose(left[0], [-0.05, 0.11, 0.0], atol=1e-15)
+    np.testing.assert_allclose(
+        sole_offsets(SOLE, patch, 0.5 * np.pi)[0], [-0.05, 0.11, 0.0], atol=1e-15
+    )
 
 
 @pytest.mark.parametrize("seed", range(6))

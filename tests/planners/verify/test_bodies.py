@@ -17,7 +17,7 @@ from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.drawn_legs import BODY_HEIGHT_M
+from stancekit.planners.robot.robot_file import BODY_HEIGHT_M
 from tests.refusals import assert_names
 
 

@@ -193,7 +193,6 @@ def test_a_search_that_fails_ends_with_its_time(apart, monkeypatch):
     monkeypatch.setattr(budget, "cpu_s", clock.cpu_s)
     monkeypatch.setattr(budget, "_PATIENCE", 1e6)  # a child is given all the time by the wall
     monkeypatch.setattr(attempt, "formulate", lambda *of: clock.passes(2.0) or write(*of))
-    monkeypatch.setattr("stancekit.planners.gait.method.portfolio.unheld", lambda _: "")
     places = {"start": [-2.6, 0.0], "goal": [-0.4, 0.35]}
     steep = Walk(  # a higher hill is not looked for at all
         robot=anymal(), terrain=reference_terrain("hill").scaled(0.9), **places, duration_s=10.0
