@@ -124,8 +124,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "robot": {
         TOOL: (
             "planners.robot.robot_file",
-            "planners.robot.robot_file",
-            "planners.robot.robot_model",
             "planners.robot.reach_sets",
         ),
         DRAWS: (
