@@ -96,9 +96,9 @@ def unheld(task: Walk) -> str:
         return ""
     last = nodes[come_to][(away[come_to] @ (1.0, 2.0)).argmin()]
     return (
-        "undecided, and not looked for but in one chart alone (--chart): from about "
-        f"({last[0]:.2f}, {last[1]:.2f}) on the ground is steeper than friction {task.friction:g} "
-        f"holds, and what holds feet beyond is more than {far_m:.2f} m away"
+        f"undecided, not looked for: from about ({last[0]:.2f}, {last[1]:.2f}) on the ground is "
+        f"steeper than friction {task.friction:g} holds, and what holds feet beyond is more than "
+        f"{far_m:.2f} m away; one chart alone (--chart) looks all the same"
     )
 
 
