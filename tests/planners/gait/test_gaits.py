@@ -194,7 +194,7 @@ def task(terrain: HeightField, friction: float, goal=(0.5, 0.2), **options) -> W
     )
 
 
-@pytest.mark.parametrize(("share", "turn"), product((1.1, 1.3, 2.0), TURNS))
+@pytest.mark.parametrize(("share", "turn"), [*product((1.1, 1.3, 2.0), TURNS)])
 def test_nobody_stands_on_a_ramp_steeper_than_friction_holds(share: float, turn: float) -> None:
     """The angle of friction is the angle of repose: tan of it is ν (0.02 of it are the
     verifier's).
@@ -206,7 +206,7 @@ def test_nobody_stands_on_a_ramp_steeper_than_friction_holds(share: float, turn:
     )
 
 
-@pytest.mark.parametrize(("share", "turn"), product((0.9, 0.95, 0.99, 1.0), TURNS))
+@pytest.mark.parametrize(("share", "turn"), [*product((0.9, 0.95, 0.99, 1.0), TURNS)])
 def test_a_ramp_that_friction_holds_is_never_forbidden(share: float, turn: float) -> None:
     assert forbidden(task(ramp(share * 0.4, turn), 0.4), GaitSettings()) == ""
 
