@@ -21,14 +21,14 @@ from stancekit.planners.files.writing import first_difference, write_bytes
 
 FORMAT = "stancekit/fit/1"
 Record = dict[str, Any]
-"""What is told of a step, JSON-ready."""
+"""Figures of a step, JSON-ready."""
 State = Mapping[str, NDArray[Any]]
 """Arrays by name."""
 StepsDone = Callable[[int, int], None]
 
 
 class Fit(ABC):
-    """What is fitted, step by step: an epoch, a generation, a segment each."""
+    """Base of fits, which go step by step: a step is an epoch, a generation or a segment."""
 
     total: int
 
@@ -38,19 +38,19 @@ class Fit(ABC):
 
     @abstractmethod
     def state(self) -> State:
-        """Everything beside the records that later steps follow from."""
+        """Everything but the records that later steps depend on."""
 
     @abstractmethod
     def restore(self, state: State, history: list[Record]) -> None:
-        """Be as after these records."""
+        """Take a state up again, that after the steps of these records."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint:
-    """File of a run, written whole or not at all.
+    """Checkpoint file of a run, written whole or not at all.
 
     Arguments:
-        about: what the run is of, JSON-ready: settings and data.
+        about: settings and data of the run, JSON-ready.
     """
 
     path: Path
@@ -58,18 +58,18 @@ class Checkpoint:
 
     @classmethod
     def of(cls, path: Path | None, about: Mapping[str, Any]) -> Checkpoint | None:
-        """That of a run in this file; None without one."""
+        """The checkpoint of a run in this file; None without a file."""
         return None if path is None else cls(path=path, about=about)
 
     def write(self, fit: Fit, history: list[Record]) -> None:
-        """Keep where a run is."""
+        """Write the state of a run."""
         header = {"format": FORMAT, "about": self.about, "history": history}
         write_bytes(self.path, archive_of({"header": json.dumps(header), **fit.state()}))
 
     def read(self, fit: Fit) -> list[Record]:
-        """Put a fit to where it was, and return its records; none where there is no file.
+        """Restore the state of a fit, and return its records; no records if the file does not exist.
 
-        Raises InvalidInput for a file that is damaged or foreign, and for that of another run.
+        Raises InvalidInput for a damaged or foreign file, and for the file of another run.
         """
         if not self.path.exists():
             return []
@@ -92,11 +92,11 @@ class Checkpoint:
 def run(
     fit: Fit, progress: StepsDone | None = None, checkpoint: Checkpoint | None = None
 ) -> list[Record]:
-    """Do what is left of a fit; the records of all its steps.
+    """Do the remaining steps of a fit, and return the records of all of them.
 
     Arguments:
-        progress: gets steps done and in all after each.
-        checkpoint: is written after every step, and gone on from where it is there.
+        progress: called after each step with the steps done and the total.
+        checkpoint: written after every step; the fit continues from it if its file exists.
     """
     history = [] if checkpoint is None else checkpoint.read(fit)
     while len(history) < fit.total:
@@ -109,10 +109,10 @@ def run(
 
 
 def drawn_from(rng: np.random.Generator) -> NDArray[Any]:
-    """Where a generator is, as a part of a state."""
+    """State of a random generator, as an array."""
     return np.array(json.dumps(rng.bit_generator.state))
 
 
 def draw_on(rng: np.random.Generator, state: NDArray[Any]) -> None:
-    """Put a generator to where it was."""
+    """Restore the state of a random generator."""
     rng.bit_generator.state = parse_json(str(state), "state of chance")

@@ -59,13 +59,12 @@ def forbidden(task: Walk, settings: GaitSettings) -> str:
 
 
 def unheld(task: Walk) -> str:
-    """Why a walk is not likely, in one sentence, though none is disproved; empty where one is.
+    """Why a walk is unlikely, in one sentence; empty where it is likely. A rule of thumb, no proof.
 
-    Ground that is steeper than friction holds is crossed in a step from what holds, and a body is
-    carried on by its momentum; between two walls feet press on both. Where places that hold feet,
-    with some more friction than there is, lie farther apart on every way than a third more than
-    feet reach from the body, no optimizer has found a walk in a gait that moves one foot of an end
-    at a time.
+    Feet step over ground that is steeper than friction holds, momentum carries the body on, and
+    between two walls feet press on both. Where, on every way, the places that hold feet (with 1.3
+    times the friction) are farther apart than 1.35 times the reach of the feet, the optimizer found
+    no walk on the hills and cones that were tried, in gaits that move one foot of an end at a time.
     """
     ground, ends = task.terrain, np.array([task.start, task.goal])
     lines = [
