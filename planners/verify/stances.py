@@ -13,18 +13,20 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..answer.report import GROUPS
-from ..files.arrays import Array, cached_arrays, locked
+from ..files.arrays import Array, cached_arrays, cross, locked
 from ..problem import Contact, Problem
 from .geometry import (
+    beyond,
     contact_frames,
     counts_of,
-    cross,
     length,
     off_sole,
     patch_distances,
+    reach_rows,
+    relative_rows,
+    row_counts,
     sole_points,
 )
-from .half_spaces import beyond, reach_rows, relative_rows, row_counts
 
 LARGEST_UNIT_M = 1.0
 """Violations are measured in the problem's scales, but in no more than this length and the robot's
