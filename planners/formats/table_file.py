@@ -140,17 +140,14 @@ def _places(
     """Places of the columns' numbers in the arrays of these keys, in the order of a file."""
     places: dict[str, tuple[str, tuple[int, ...]]] = {_TIME: ("time_s", ())}
     places |= {name: (key, (k,)) for name, (key, k) in _OF_BODY.items() if key in keys}
-    for key, word in OF_JOINTS.items():
-        if key in keys:
-            places |= {f"{word}.{joint}": (key, (k,)) for k, joint in enumerate(joints)}
-    for key, word in OF_LIMBS.items():
-        if key not in keys:
-            continue
-        for k, limb in enumerate(limbs):
-            if key == "contact":
-                places[f"{word}.{limb}"] = (key, (k,))
-            else:
-                places |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(_AXES)}
+    for key in (key for key in (*OF_JOINTS, *OF_LIMBS) if key in keys):
+        word, one = {**OF_JOINTS, **OF_LIMBS}[key], key in OF_JOINTS or key == "contact"
+        for k, owner in enumerate(joints if key in OF_JOINTS else limbs):
+            places |= (
+                {f"{word}.{owner}": (key, (k,))}
+                if one
+                else {f"{word}.{owner}.{axis}": (key, (k, n)) for n, axis in enumerate(_AXES)}
+            )
     return places
 
 

@@ -490,10 +490,10 @@ def check_certificate(
     of_course = not subject.is_posture
     if tolerance is None:
         tolerance = 0.0 if of_course else GAP
-    if of_course and not any_sets and (short := _short_sets(subject)):
-        return proof_report(certificate, tolerance, 0.0, 0, -1, f"rejected: {short}")
-    forest = forest_of(subject)
     try:
+        if of_course and not any_sets:
+            _check_sets(subject)
+        forest = forest_of(subject)
         replayed = forest.replay(0, certificate)
     except InvalidInput as error:
         return proof_report(certificate, tolerance, 0.0, 0, -1, f"rejected: {error}")
@@ -538,28 +538,25 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
     return bounds
 
 
-def _short_sets(course: Problem) -> str:
-    """Why a proof over a course's sets of legs says nothing of anything; empty where they hold all
-    that the legs of the robot's file reach, or are the inner ones, of which it then is.
+def _check_sets(course: Problem) -> None:
+    """Raise InvalidInput where a proof over a course's sets of legs says nothing of anything: where
+    they neither hold all that the legs of the robot's file reach, nor are the inner ones, of which
+    it then is.
     """
     if not course.robot.own:
-        return ""
+        return
     from ..robot.reach_sets import contains_all
     from ..robot.walker import sets_of
 
-    if course.has_soles:
-        return (
-            f"robot {course.robot.name}: expected feet that are balls, got soles, which may touch "
-            "with any part of them"
-        )
-    try:
-        if contains_all(course.robot) or sets_of(course.robot) == "inner":
-            return ""
-    except InvalidInput as error:
-        return str(error)
-    return (
-        f"robot {course.robot.name}: expected sets that hold all that its legs reach wherever its "
-        "centre of mass is, got smaller ones"
+    where = f"robot {course.robot.name}"
+    balls = (
+        f"{where}: expected feet that are balls, got soles, which may touch with any part of them"
+    )
+    require(not course.has_soles, balls)
+    require(
+        contains_all(course.robot) or sets_of(course.robot) == "inner",
+        f"{where}: expected sets that hold all that its legs reach wherever its centre of mass is, "
+        "got smaller ones",
     )
 
 

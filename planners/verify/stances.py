@@ -219,7 +219,7 @@ class Stances:
         problems = [posture.problem for posture in postures]
         contacts = [contact for problem in problems for contact in problem.contacts]
         owner = np.repeat(np.arange(len(problems)), [len(problem.contacts) for problem in problems])
-        body = np.array(
+        radius, tilt, weight, length_m, scale = np.array(
             [
                 (
                     p.com_radius_m[0],
@@ -231,7 +231,6 @@ class Stances:
                 for p in problems
             ]
         ).T
-        radius, tilt, weight, length_m, scale = body
         numbers = np.array([(contact.patch.friction, contact.reach_m) for contact in contacts])
         axes = np.array(
             [(contact.patch.normal, contact.patch.shear_reference) for contact in contacts]

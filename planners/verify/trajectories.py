@@ -215,7 +215,6 @@ def _defect_of(trajectory: Trajectory, step_s: float) -> str:
 _TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
 _OVERFLOW = "the numbers overflow"
-__all__ = ["GROUPS", "LIMITS", "check_trajectory", "with_body"]
 
 
 def check_trajectory(

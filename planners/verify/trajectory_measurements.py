@@ -371,19 +371,13 @@ class TrajectoryMeasurements:
         Where the map has something higher than that within NEAR_M of such a point, the face is
         looked at every CLOSE_M: a stone may come up between.
         """
-        points = self._placed(slice(None), _APART_M)
-        depth = (self.trajectory.problem.terrain.height(points[..., :2]) - points[..., 2]).max(
-            axis=1
-        )
+        terrain, points = self.trajectory.problem.terrain, self._placed(slice(None), _APART_M)
+        depth = (terrain.height(points[..., :2]) - points[..., 2]).max(axis=1)
         near = np.flatnonzero((self._tops(points[..., :2]) > points[..., 2]).any(axis=1))
         if len(near):
             close = self._placed(near, _CLOSE_M)
-            depth[near] = np.maximum(
-                depth[near],
-                (self.trajectory.problem.terrain.height(close[..., :2]) - close[..., 2]).max(
-                    axis=1
-                ),
-            )
+            deeper = (terrain.height(close[..., :2]) - close[..., 2]).max(axis=1)
+            depth[near] = np.maximum(depth[near], deeper)
         return np.asarray(depth)
 
     def _placed(self, rows: NDArray[np.intp] | slice, apart_m: float) -> Array:
