@@ -162,6 +162,12 @@ def _checkout() -> Path | None:
     return Path(url2pathname(urlsplit(origin["url"]).path)) if editable else None
 
 
+def require(holds: object, otherwise: str) -> None:
+    """Raise InvalidInput with these words where something does not hold."""
+    if not holds:
+        raise InvalidInput(otherwise)
+
+
 @contextmanager
 def located(where: str) -> Iterator[None]:
     """What is refused within says where: this stands before it unless it begins with it, or with the

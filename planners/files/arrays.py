@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import cached_property
-from ..errors import InvalidInput
+from ..errors import InvalidInput, require
 from .documents import MOST_BYTES, read_bytes, shown
 
 _MOST_ARRAYS = 1000
@@ -54,8 +54,10 @@ def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
     Raises InvalidInput for what is damaged, holds anything but arrays of numbers and texts, or
     declares more than its bytes can hold.
     """
-    if content.count(b"PK\x01\x02") > _MOST_ARRAYS:
-        raise InvalidInput(f"{where}: expected {_MOST_ARRAYS} arrays or fewer, got more")
+    require(
+        content.count(b"PK\x01\x02") <= _MOST_ARRAYS,
+        f"{where}: expected {_MOST_ARRAYS} arrays or fewer, got more",
+    )
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
@@ -85,10 +87,12 @@ def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
     be.
     """
     names = [entry.filename for entry in entries]
-    if len(set(names)) < len(names) or not all(name.endswith(".npy") for name in names):
-        raise InvalidInput(f"{where}: {_SAID}: its entries are not NAME.npy, each once")
-    if sum(entry.file_size for entry in entries) > _MOST_UNPACKED:
-        raise InvalidInput(f"{where}: expected {_MOST_UNPACKED} bytes of arrays or fewer, got more")
+    named = len(set(names)) == len(names) and all(name.endswith(".npy") for name in names)
+    require(named, f"{where}: {_SAID}: its entries are not NAME.npy, each once")
+    require(
+        sum(entry.file_size for entry in entries) <= _MOST_UNPACKED,
+        f"{where}: expected {_MOST_UNPACKED} bytes of arrays or fewer, got more",
+    )
     for entry in entries:
         if entry.file_size > entry.compress_size * (_DEFLATED_MOST if entry.compress_type else 1):
             raise InvalidInput(

@@ -29,23 +29,12 @@ from xml.parsers.expat import ExpatError, ParserCreate
 import yaml
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create_model
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, require
 
 _Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 _NULL = "expected texts without null bytes, which no name and no path has, got one"
-
-
-def _value_of(text: str, *, deepest: int, most: int) -> Any:
-    """The value of a document; raises InvalidInput beyond the limits, and whatever PyYAML raises.
-
-    Arguments:
-        deepest: greatest number of levels of nesting.
-        most: greatest number of values, once aliases are replaced.
-    """
-    _check_growth(text, deepest, most)
-    return yaml.load(text, Loader=_Once)
 
 
 def _check_growth(text: str, deepest: int, most: int) -> None:
@@ -409,6 +398,11 @@ _MOST_ELEMENTS = 1_000_000
 """Elements and attributes of an XML document."""
 
 _NO_FILE = "a pipe, a socket or a device"
+_FOUND = {
+    **dict.fromkeys((errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG), "nothing there"),
+    errno.ENXIO: _NO_FILE,
+}
+"""What is there in place of a file, by the system's error."""
 
 
 def file_or_named(path: str | Path, shipped: Mapping[str, Path]) -> Path:
@@ -419,10 +413,10 @@ def file_or_named(path: str | Path, shipped: Mapping[str, Path]) -> Path:
     path = Path(path)
     if path.exists() or path.suffix or len(path.parts) > 1:
         return path
-    if path.name not in shipped:
-        raise InvalidInput(
-            f"{path}: expected a file, or one of {', '.join(shipped)}, found nothing"
-        )
+    require(
+        path.name in shipped,
+        f"{path}: expected a file, or one of {', '.join(shipped)}, found nothing",
+    )
     return shipped[path.name]
 
 
@@ -439,11 +433,9 @@ def open_file(path: str | Path) -> Iterator[IO[bytes]]:
     except ValueError:  # a name that no file can have
         raise InvalidInput(f"{shown(str(path))}: expected a file, found nothing there") from None
     except OSError as error:
-        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG):
-            raise InvalidInput(f"{path}: expected a file, found nothing there") from None
-        if error.errno == errno.ENXIO:
-            raise InvalidInput(f"{path}: expected a file, found {_NO_FILE}") from None
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+        found = _FOUND.get(error.errno or 0)
+        why = f"expected a file, found {found}" if found else f"cannot be read: {error.strerror}"
+        raise InvalidInput(f"{path}: {why}") from None
     mode = os.fstat(number).st_mode
     if not stat.S_ISREG(mode):
         os.close(number)
@@ -463,8 +455,7 @@ def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
             content = stream.read(most + 1)
         except OSError as error:
             raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
-    if len(content) > most:
-        raise InvalidInput(f"{path}: expected a file of {most} bytes or fewer, got more")
+    require(len(content) <= most, f"{path}: expected a file of {most} bytes or fewer, got more")
     return content
 
 
@@ -474,8 +465,7 @@ def read_text(path: str | Path) -> str:
     Raises InvalidInput for a file that is missing, no file, too large, empty or not UTF-8.
     """
     text = decoded(read_bytes(path), str(path))
-    if not text.strip():
-        raise InvalidInput(f"{path}: expected some text, the file is empty")
+    require(text.strip(), f"{path}: expected some text, the file is empty")
     return text
 
 
@@ -505,17 +495,18 @@ def parse_json(text: str, where: str) -> Any:
     JSON does not have (NaN, Infinity), for halves of letters and null bytes, and for a document
     beyond the limits of this module.
     """
-    if len(text) > _MOST_JSON_BYTES:
-        raise InvalidInput(
-            f"{where}: expected {_MOST_JSON_BYTES} letters of JSON or fewer, got {len(text)}"
-        )
-    if sum(map(text.count, ",[{")) > _MOST_VALUES:
-        raise InvalidInput(f"{where}: expected {_MOST_VALUES} values or fewer, got more")
+    require(
+        len(text) <= _MOST_JSON_BYTES,
+        f"{where}: expected {_MOST_JSON_BYTES} letters of JSON or fewer, got {len(text)}",
+    )
+    require(
+        sum(map(text.count, ",[{")) <= _MOST_VALUES,
+        f"{where}: expected {_MOST_VALUES} values or fewer, got more",
+    )
     try:
         value = json.loads(text, object_pairs_hook=_object, parse_constant=_no_number)
         _check_depth(value)
-        if re.search(r"(?<!\\)(\\\\)*\\u0000", text):
-            raise InvalidInput(_NULL)
+        require(not re.search(r"(?<!\\)(\\\\)*\\u0000", text), _NULL)
         if "\\ud" in text or "\\uD" in text:
             json.dumps(value, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
@@ -552,13 +543,14 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     Raises InvalidInput for anything else, for a key that is there twice (YAML would take the last),
     and for a document beyond the limits of this module.
     """
-    if len(text) > _MOST_YAML_BYTES:
-        raise InvalidInput(
-            f"{where}: expected {_MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}"
-        )
+    require(
+        len(text) <= _MOST_YAML_BYTES,
+        f"{where}: expected {_MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}",
+    )
 
     try:
-        data = _value_of(text, deepest=DEEPEST, most=MOST_YAML_VALUES)
+        _check_growth(text, DEEPEST, MOST_YAML_VALUES)
+        data = yaml.load(text, Loader=_Once)
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     except Exception as error:  # PyYAML's constructors raise whatever struck them

@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, require
 from .documents import shown
 
 FOLDER = "STANCEKIT_CACHE"
@@ -116,8 +116,7 @@ def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
         InvalidInput: where nothing can be written, also for an OSError from the block.
     """
     target = check_writable(path, folder=folder)
-    if _is_special(target):
-        raise InvalidInput(f"{path}: expected a file, found a device or a pipe")
+    require(not _is_special(target), f"{path}: expected a file, found a device or a pipe")
     remove_leftovers(target.parent, target.name.__eq__)
     try:
         temporary, lock = _locked(target, folder)
@@ -201,12 +200,15 @@ def check_writable(path: str | Path, *, folder: bool = False) -> Path:
     path = Path(path)
     try:
         target = path.resolve()
-        if path.is_dir() and not folder:
-            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
-        if not path.parent.is_dir():
-            raise InvalidInput(f"{path}: expected an existing folder {path.parent}, found none")
-        if not os.access(path if _is_special(path) else target.parent, os.W_OK):
-            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
+        file = folder or not path.is_dir()
+        require(file, f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
+        require(
+            path.parent.is_dir(), f"{path}: expected an existing folder {path.parent}, found none"
+        )
+        require(
+            os.access(path if _is_special(path) else target.parent, os.W_OK),
+            f"{path}: cannot be written: {os.strerror(errno.EACCES)}",
+        )
         if len(os.fsencode(target.name)) > _LONGEST_NAME:
             raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
     except (OSError, RuntimeError, ValueError) as error:

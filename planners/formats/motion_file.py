@@ -24,7 +24,7 @@ from ..answer.motion import Evidence, Motion, seal
 from ..answer.plan import WHOLE_BODY, LeapPlan, Plan
 from ..answer.report import Report, verdict_digest
 from ..answer.trajectory import Trajectory, WalkQuestion, robot_from_json
-from ..errors import InvalidInput, located, not_installed
+from ..errors import InvalidInput, located, not_installed, require
 from ..files.arrays import unpacked
 from ..files.codec import extracted
 from ..files.documents import read_json, shown, validated
@@ -106,8 +106,10 @@ def _crossing(
 ) -> dict[str, Any]:
     keys = {"format": str, "name": str, "refusal": str, "parts": list}
     _check_keys(data, {**keys, "certificate": object}, where)
-    if not 0 < len(data["parts"]) <= _MOST_PARTS:
-        raise InvalidInput(f"{where}: parts: expected 1 to {_MOST_PARTS}, got {len(data['parts'])}")
+    require(
+        0 < len(data["parts"]) <= _MOST_PARTS,
+        f"{where}: parts: expected 1 to {_MOST_PARTS}, got {len(data['parts'])}",
+    )
     parts = [_part(part, f"{where}: parts[{k}]") for k, part in enumerate(data["parts"])]
     proof = data["certificate"]
     proved = None if proof is None else certificate_from(proof, f"{where}: certificate")
@@ -143,10 +145,10 @@ def write_motion(path: str | Path, motion: Motion, report: Report[Any]) -> None:
             JSON, and where nothing can be written.
     """
     check_name(path)
-    if report.answer.digest != motion.digest:
-        raise InvalidInput(
-            f"{path}: expected the verifier's report on this {motion.WORD}, got the one on another"
-        )
+    require(
+        report.answer.digest == motion.digest,
+        f"{path}: expected the verifier's report on this {motion.WORD}, got the one on another",
+    )
     verdict = {"verified": report.accepted, "verdict": report.to_json()}
     _write(path, {"format": FORMAT, **verdict, **motion.content()})
 
@@ -173,10 +175,11 @@ def check_name(path: str | Path) -> Path:
     Raises InvalidInput for one that cannot be.
     """
     path = Path(path)
-    if path.suffix != ".json" or not path.stem:
-        raise InvalidInput(
-            f"{path}: expected a name that ends in .json, got {path.suffix or 'no suffix'}"
-        )
+    came = path.suffix or "no suffix"
+    require(
+        path.suffix == ".json" and path.stem,
+        f"{path}: expected a name that ends in .json, got {came}",
+    )
     check_writable(path)
     return path
 
@@ -219,8 +222,10 @@ def evidence_from(data: Any, where: str) -> tuple[Evidence, dict[str, Any]]:
         raise InvalidInput(f"{where}: expected format {FORMAT!r} or {PROOF!r}, got {shown(came)}")
     of_proof = data["format"] == PROOF
     _check_keys(data, _OF_PROOF if of_proof else _KEYS, where)
-    if seal({name: data[name] for name in data if name != "sha256"}) != data["sha256"]:
-        raise InvalidInput(f"{where}: digest mismatch: the file was changed after it was written")
+    require(
+        seal({name: data[name] for name in data if name != "sha256"}) == data["sha256"],
+        f"{where}: digest mismatch: the file was changed after it was written",
+    )
     if of_proof:
         return certificate_from(data, where), data
     motion = motion_from(data, where)
@@ -246,8 +251,10 @@ def motion_from(data: Mapping[str, Any], where: str) -> Motion:
         motion: Motion = kind(**asked, **plain, provenance=data["provenance"])
     labels = motion.labels()
     for name in dict.fromkeys((*labels, *data["columns"])):
-        if name != "npz" and data["columns"].get(name) != labels.get(name):
-            raise InvalidInput(f"{place}.{name}: expected the name of the question, got another")
+        require(
+            name == "npz" or data["columns"].get(name) == labels.get(name),
+            f"{place}.{name}: expected the name of the question, got another",
+        )
     return motion
 
 
@@ -269,8 +276,8 @@ def _check_verdict(verdict: Mapping[str, Any], motion: Motion, where: str) -> No
 def certificate_from(data: Any, where: str) -> Certificate:
     """The certificate of a file's content, or of a crossing."""
     for name in ("question", "columns"):
-        if not isinstance(data, Mapping) or not isinstance(data.get(name), Mapping):
-            raise InvalidInput(f"{where}: expected a proof with question and columns")
+        there = isinstance(data, Mapping) and isinstance(data.get(name), Mapping)
+        require(there, f"{where}: expected a proof with question and columns")
     question = data["question"]
     with located(f"{where}: question"):
         match question.get("format"):
@@ -287,8 +294,10 @@ def certificate_from(data: Any, where: str) -> Certificate:
 
 
 def _arrays(columns: Mapping[str, Any], where: str) -> dict[str, NDArray[Any]]:
-    if not isinstance(columns.get("npz"), str):
-        raise InvalidInput(f"{where}.npz: expected an archive as text, got {shown(columns)}")
+    require(
+        isinstance(columns.get("npz"), str),
+        f"{where}.npz: expected an archive as text, got {shown(columns)}",
+    )
     return unpacked(extracted(columns["npz"], where), where)
 
 
@@ -328,8 +337,10 @@ def _check_arrays(
                 f"{where}: {name}: expected {_CALLED[kind]} of shape {wanted}, got {array.dtype} of "
                 f"shape {array.shape}"
             )
-        if kind == "f" and not name.startswith("terrain_") and not np.isfinite(array).all():
-            raise InvalidInput(f"{where}: {name}: expected finite numbers, got other values")
+        require(
+            kind != "f" or name.startswith("terrain_") or np.isfinite(array).all(),
+            f"{where}: {name}: expected finite numbers, got other values",
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -412,8 +423,9 @@ def check_file(
         ("explain", why, isinstance(evidence, Certificate)),
         ("exact", exact, isinstance(evidence, Certificate)),
     ):
-        if given and not used:
-            raise InvalidInput(f"{name}: expected none with {path}, a {word}, which has its own")
+        require(
+            not given or used, f"{name}: expected none with {path}, a {word}, which has its own"
+        )
     if isinstance(evidence, Certificate):
         check = _check_proof(str(path), evidence, why)
         return _replayed(check, evidence) if exact else check
@@ -488,8 +500,10 @@ def _check_asked(
     if not isinstance(motion, Plan):
         return
     problem, legs = motion.problem, motion.problem.robot
-    if course is not None and problem.is_posture:
-        raise InvalidInput(f"{path}: expected a plan of that course, got a posture")
+    require(
+        course is None or not problem.is_posture,
+        f"{path}: expected a plan of that course, got a posture",
+    )
     model = None if robot is None else named_robot(robot)
     if model is not None and (
         legs.digest != model.digest or legs.own_model().disabled_pairs != model.disabled_pairs

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..answer.certificate import Certificate
 from ..answer.plan import Plan
-from ..errors import InvalidInput, located
+from ..errors import InvalidInput, located, require
 from ..files.arrays import plain_numbers
 from ..files.documents import YAML, parse_json, read_json, read_yaml, shown
 from ..files.writing import write_text
@@ -36,10 +36,10 @@ def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInpu
     object, unless it begins as an array does. Raises InvalidInput for more than ``_MOST_RECORDS``
     lines.
     """
-    if text.count("\n") > _MOST_RECORDS:
-        raise InvalidInput(
-            f"{where}: expected {_MOST_RECORDS} lines or fewer, got {text.count(chr(10))}"
-        )
+    require(
+        text.count("\n") <= _MOST_RECORDS,
+        f"{where}: expected {_MOST_RECORDS} lines or fewer, got {text.count(chr(10))}",
+    )
     try:
         whole = parse_json(text, where)
     except InvalidInput as error:
@@ -91,19 +91,20 @@ def read_leap(path: str | Path, robot: str | Path | None = None) -> Leap:
     from ..problem.leap_classes import leap_class, leap_from_keys  # draws robots and terrain
 
     if not is_drawn(path):
-        if robot is not None:
-            raise InvalidInput(
-                f"robot: expected CLASS:SEED with another robot, got the file {path}"
-            )
+        require(
+            robot is None, f"robot: expected CLASS:SEED with another robot, got the file {path}"
+        )
         data = read_yaml(path) if Path(path).suffix in YAML else read_json(path)
-        if not is_leap(data):
-            raise InvalidInput(
-                f"{path}: expected a leap, with phases or a distribution, got {shown(data)}"
-            )
+        require(
+            is_leap(data),
+            f"{path}: expected a leap, with phases or a distribution, got {shown(data)}",
+        )
         return leap_from_keys(data, str(path))
     name, _, seed = str(path).partition(":")
-    if not (seed or "0").isdecimal():
-        raise InvalidInput(f"{path}: expected CLASS:SEED as {name}:7, with a seed of 0 or more")
+    require(
+        (seed or "0").isdecimal(),
+        f"{path}: expected CLASS:SEED as {name}:7, with a seed of 0 or more",
+    )
     number = int(seed or "0")
     if robot is None:
         return leap_from_keys({"distribution": name, "seed": number}, str(path))
@@ -147,8 +148,7 @@ def answer_from_json(data: Any, problem: Problem) -> Plan | Certificate | None:
 
     Raises InvalidInput.
     """
-    if not isinstance(data, dict):
-        raise InvalidInput(f"expected a JSON object, got {type(data).__name__}")
+    require(isinstance(data, dict), f"expected a JSON object, got {type(data).__name__}")
     if data.get("certificate") is not None:
         return Certificate.from_json(data["certificate"]).of(problem)
     names: tuple[str, ...] = ("com_m", "rotation_rad", "toes_m", "forces_n")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput, located
+from ..errors import InvalidInput, located, require
 from ..files.arrays import Array, archive_of, checked_int, read_archive, read_only
 from ..files.documents import YAML, neighbour, read_json, read_text, read_yaml, shown, yaml_of
 from ..motion.motion import FORMAT, OF_JOINTS, OF_LIMBS, MotionTable, shapes
@@ -76,8 +76,9 @@ def joint_trajectory(table: MotionTable) -> dict[str, Any]:
     Raises InvalidInput without any.
     """
     known = table.arrays()
-    if "angles_rad" not in known:
-        raise InvalidInput("jointtrajectory: expected a motion with joints, got one without")
+    require(
+        "angles_rad" in known, "jointtrajectory: expected a motion with joints, got one without"
+    )
     rows = {key: known[name].tolist() for key, name in _OF_POINTS.items() if name in known}
     moments = [divmod(round(time_s * _NANO), _NANO) for time_s in table.time_s.tolist()]
     points = [
@@ -128,8 +129,7 @@ def read_table(path: str | Path) -> MotionTable:
         **dict.fromkeys(YAML, lambda path: _from_joint_trajectory(read_yaml(path), str(path))),
     }
     path = Path(path)
-    if path.suffix not in readers:
-        raise InvalidInput(f"{path}: expected a motion as .csv, .npz, .json or .yaml")
+    require(path.suffix in readers, f"{path}: expected a motion as .csv, .npz, .json or .yaml")
     with located(str(path)):
         return readers[path.suffix](path)
 
@@ -140,17 +140,14 @@ def _places(
     """Places of the columns' numbers in the arrays of these keys, in the order of a file."""
     places: dict[str, tuple[str, tuple[int, ...]]] = {_TIME: ("time_s", ())}
     places |= {name: (key, (k,)) for name, (key, k) in _OF_BODY.items() if key in keys}
-    for key, word in OF_JOINTS.items():
-        if key in keys:
-            places |= {f"{word}.{joint}": (key, (k,)) for k, joint in enumerate(joints)}
-    for key, word in OF_LIMBS.items():
-        if key not in keys:
-            continue
-        for k, limb in enumerate(limbs):
-            if key == "contact":
-                places[f"{word}.{limb}"] = (key, (k,))
-            else:
-                places |= {f"{word}.{limb}.{axis}": (key, (k, n)) for n, axis in enumerate(_AXES)}
+    for key in (key for key in (*OF_JOINTS, *OF_LIMBS) if key in keys):
+        word, one = {**OF_JOINTS, **OF_LIMBS}[key], key in OF_JOINTS or key == "contact"
+        for k, owner in enumerate(joints if key in OF_JOINTS else limbs):
+            places |= (
+                {f"{word}.{owner}": (key, (k,))}
+                if one
+                else {f"{word}.{owner}.{axis}": (key, (k, n)) for n, axis in enumerate(_AXES)}
+            )
     return places
 
 
@@ -159,8 +156,7 @@ def _from_csv(text: str, where: str) -> MotionTable:
     names = [name.strip() for name in next(lines, [])]
     joints, limbs = _named(names, where)
     rows = list(_rows(lines, names, where))
-    if not rows:
-        raise InvalidInput(f"{where}: expected rows below the header, got none")
+    require(rows, f"{where}: expected rows below the header, got none")
     columns = dict(zip(names, np.array(rows).T, strict=True))
     arrays = dict[str, Any]()
     for key, shape in shapes(len(rows), len(joints), len(limbs)).items():
@@ -186,8 +182,7 @@ def _named(names: Sequence[str], where: str) -> tuple[tuple[str, ...], tuple[str
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidInput(f"{where}: expected each column once, got {twice} again")
-    if _TIME not in names:
-        raise InvalidInput(f"{where}: expected the column t, got {', '.join(names)!r:.80}")
+    require(_TIME in names, f"{where}: expected the column t, got {', '.join(names)!r:.80}")
     for name in names:
         word, dot, rest = name.partition(".")
         if name == _TIME or name in _OF_BODY:
@@ -237,8 +232,10 @@ def _truths(numbers: NDArray[Any], where: str) -> NDArray[np.bool_]:
 
 def _from_npz(path: Path) -> MotionTable:
     archive = read_archive(path)
-    if str(archive.get("format")) != FORMAT:
-        raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(archive.get('format'))}")
+    require(
+        str(archive.get("format")) == FORMAT,
+        f"{path}: format: expected {FORMAT}, got {shown(archive.get('format'))}",
+    )
     joints, limbs = (
         tuple(map(str, np.atleast_1d(archive[name]))) if name in archive else ()
         for name in ("joints", "limbs")
@@ -247,8 +244,8 @@ def _from_npz(path: Path) -> MotionTable:
     for name, array in arrays.items():
         if array.dtype.kind not in ("biuf" if name == "contact" else "iuf"):
             raise InvalidInput(f"{name}: expected numbers, got {shown(array.tolist())}")
-    if "time_s" not in arrays or arrays["time_s"].ndim != 1:
-        raise InvalidInput(f"{path}: expected time_s of shape (T,), got none")
+    timed = "time_s" in arrays and arrays["time_s"].ndim == 1
+    require(timed, f"{path}: expected time_s of shape (T,), got none")
     if "contact" in arrays:
         arrays["contact"] = _truths(arrays["contact"], str(path))
     return MotionTable(
@@ -261,27 +258,23 @@ def _from_npz(path: Path) -> MotionTable:
 
 
 def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
-    if not _is_joint_trajectory(data):
-        raise InvalidInput(
-            f"{where}: expected a JointTrajectory with joint_names and points, got {shown(data)}"
-        )
+    require(
+        _is_joint_trajectory(data),
+        f"{where}: expected a JointTrajectory with joint_names and points, got {shown(data)}",
+    )
     names, points = data["joint_names"], data["points"]
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names) or not names:
-        raise InvalidInput(f"{where}: joint_names: expected a list of names, got {shown(names)}")
-    if (
-        not isinstance(points, list)
-        or not all(isinstance(point, Mapping) for point in points)
-        or not points
-    ):
-        raise InvalidInput(f"{where}: points: expected a list of points, got {shown(points)}")
+    for key, kind, wanted in (("joint_names", str, "names"), ("points", Mapping, "points")):
+        given = data[key]
+        right = given and isinstance(given, list) and all(isinstance(each, kind) for each in given)
+        require(right, f"{where}: {key}: expected a list of {wanted}, got {shown(given)}")
     times = np.array([_seconds(point, k, where) for k, point in enumerate(points)])
     arrays: dict[str, Any] = {"time_s": times}
     for key, name in _OF_POINTS.items():
         if not points[0].get(key):
-            if any(point.get(key) for point in points):
-                raise InvalidInput(
-                    f"{where}: points: expected {key} in all of them or in none, got something else"
-                )
+            require(
+                not any(point.get(key) for point in points),
+                f"{where}: points: expected {key} in all of them or in none, got something else",
+            )
             continue
         arrays[name] = np.array(
             [
@@ -289,8 +282,7 @@ def _from_joint_trajectory(data: Any, where: str) -> MotionTable:
                 for k, point in enumerate(points)
             ]
         )
-    if "angles_rad" not in arrays:
-        raise InvalidInput(f"{where}: points: expected positions, got none")
+    require("angles_rad" in arrays, f"{where}: points: expected positions, got none")
     return MotionTable(joints=tuple(names), limbs=(), columns=arrays, source=where)
 
 

@@ -30,7 +30,6 @@ from .trajectory_measurements import (
     GROUPS,
     WHOLE_BODY,
     TrajectoryMeasurements,
-    WalkLimits,
     as_far_as_known,
     rms,
     worst_group,
@@ -422,7 +421,7 @@ def nothing(why: str, units: Mapping[str, str] | None = None) -> list[Group]:
     return [Group(name, unit=names[name], message=why, verdict="not checked") for name in names]
 
 
-def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Group]:
+def whole_body(measured: TrajectoryMeasurements, limits: Mapping[str, float]) -> list[Group]:
     """The groups of ``WHOLE_BODY``; none is checked for a robot of boxes or without pinocchio.
 
     Arguments:
@@ -441,7 +440,7 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Gro
             (
                 "joints",
                 body.off_toes(),
-                limits.joints_m,
+                limits["joints_m"],
                 body.feet,
                 times_s,
                 "; ".join(model.limit_doubts),
@@ -449,7 +448,7 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Gro
             (
                 "joint_speed",
                 body.speed(),
-                limits.joint_speed,
+                limits["joint_speed"],
                 joints,
                 times_s[1:],
                 "no limit of the joints' speed in the robot's file" if slow else "",
@@ -457,17 +456,17 @@ def whole_body(measured: TrajectoryMeasurements, limits: WalkLimits) -> list[Gro
             (
                 "torque",
                 shares,
-                limits.torque,
+                limits["torque"],
                 joints,
                 times_s[1:-1],
                 "; ".join(model.lines_of(model.torque_doubts)),
             ),
         )
     ]
-    most = limits.legs_moment * measured.moment_scale_nm
+    most = limits["legs_moment"] * measured.moment_scale_nm
     sizes = np.linalg.norm(swung, axis=1)
     groups.append(measured.group("legs_moment", sizes, most, judged=rms(swung)))
-    return [*groups, looked_at("bodies", lambda: body.overlap(limits.bodies_m))]
+    return [*groups, looked_at("bodies", lambda: body.overlap(limits["bodies_m"]))]
 
 
 class WholeBodyMeasurements(MovingBodyMeasurements):
@@ -495,13 +494,11 @@ class WholeBodyMeasurements(MovingBodyMeasurements):
 
         Raises InvalidInput without coal.
         """
-        from ..robot.bodies import Bodies
         from ..terrain.obstacles import Obstacles
 
-        bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.problem.terrain))
-        found = bodies_group("bodies", bodies, *self.spaced(), between=True)
+        found = self.bodies("bodies", Obstacles.under(self.trajectory.problem.terrain))
         place, when = "", float(self.times_s[0])
         if worst := found.figures["worst"]:
             place, when = f"{worst['link']} in {worst['other']}", worst["frame"]
         deepest = Group("bodies", found.value, limit_m, "m", where=place, when=when)
-        return as_far_as_known(deepest, "; ".join(bodies.missing))
+        return as_far_as_known(deepest, found.message)

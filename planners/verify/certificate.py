@@ -10,20 +10,29 @@ has to be trusted.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
 from ..answer.certificate import Certificate
 from ..answer.report import Group, Report
-from ..errors import InvalidInput
+from ..errors import InvalidInput, require
 from ..files.arrays import Array
 from ..problem import Problem
 from ..problem.contact import half_space, parts, too_small
 from ..problem.leap import Leap
 from ..problem.passage import Passage
-from .geometry import contact_frames, counts_of, cut, sag, sole_points
-from .half_spaces import relative_rows, row_counts, scaled_half_spaces
+from .geometry import (
+    contact_frames,
+    counts_of,
+    cut,
+    relative_rows,
+    row_counts,
+    sag,
+    scaled_half_spaces,
+    sole_points,
+)
 from .lagrangian import Leaves, Numbers, leaf_bounds, multiplier_count
 from .stances import Index, Schedule, wrenches
 
@@ -33,6 +42,7 @@ _Node = tuple[Index, Array, Array, tuple[_Side, ...]]
 """The piece that each candidate still has, the force boxes, and the side of each least step."""
 _Replayed = tuple[list[_Node], Array]
 """The leaves in preorder and their multipliers."""
+Node = TypeVar("Node")
 _MOST_CORNERS = 1_000_000
 """Most corners of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
 _DEEPEST = 200
@@ -52,10 +62,10 @@ class Forest:
         self._least, self._open = least, sides  # δ, (E,); rows where a side is open, (E, 4)
         self._count = multiplier_count(numbers.schedule)
         self._pieces = patches  # (U, 3) each, Q·T to begin with
-        self._sags: dict[int, float] = {}
-        self._roots: list[int] = []  # the whole patch of every further piece
-        self._depths: list[int] = []  # how many cuts every further piece comes from
-        self._corners = 0  # of all further pieces
+        self._whole = len(patches)  # so many pieces are whole patches
+        self._roots = list(range(len(patches)))  # the whole patch of every piece
+        self._depths = [0] * len(patches)  # how many cuts every piece comes from
+        self._corners = 0  # of all pieces that are not whole
 
     @staticmethod
     def of_course(course: Problem) -> Forest:
@@ -196,64 +206,37 @@ class Forest:
         """
         tree, rows = certificate.tree, certificate.multipliers
         count = self._count
-        if tree.ndim != 2 or tree.shape[1] != 5 or rows.ndim != 2 or rows.shape[1] != count:
-            raise InvalidInput(
-                "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, "
-                f"{count}), "
-                f"got {tree.shape} and {rows.shape}"
-            )
-        if not (np.isfinite(tree).all() and np.isfinite(rows).all()):
-            raise InvalidInput("certificate: expected finite numbers, got other values")
+        require(
+            tree.shape[1:] == (5,) and rows.shape[1:] == (count,),
+            "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, "
+            f"{count}), got {tree.shape} and {rows.shape}",
+        )
+        require(
+            np.isfinite(tree).all() and np.isfinite(rows).all(),
+            "certificate: expected finite numbers, got other values",
+        )
         candidates = len(self.numbers.candidate)
         root = np.arange(problem * candidates, (problem + 1) * candidates)
-        stack: list[_Node] = [
-            (
-                root,
-                self.numbers.force_min[problem],
-                self.numbers.force_max[problem],
-                (None,) * len(self._least),
-            )
-        ]
-        leaves: list[_Node] = []
-        for at, (kind, i, j, first, second) in enumerate(tree.tolist()):
-            where = f"tree[{at}]"
-            if not stack:
-                raise InvalidInput(f"{where}: expected the end of the tree, got another node")
-            node = stack.pop()
-            if kind == 0:
-                if i or j or first or second:
-                    raise InvalidInput(f"{where}: expected zeros in a leaf, got something else")
-                leaves.append(node)
-            elif kind == 1:
-                if first or second:
-                    raise InvalidInput(
-                        f"{where}: expected zeros after a choice, got something else"
-                    )
-                stack += self._chosen(node, self._candidate(i, j, where))
-            elif kind == 2:
-                stack += self._cut(node, self._candidate(i, j, where), first, second, where)
-            elif kind == 3:
-                if second:
-                    raise InvalidInput(
-                        f"{where}: expected a zero after a force, got something else"
-                    )
-                stack += self._split(node, i, j, first, where)
-            elif kind == 4:
-                if j or first or second:
-                    raise InvalidInput(
-                        f"{where}: expected zeros after a least step, got something else"
-                    )
-                stack += self._parted(node, i, where)
-            else:
+        whole: _Node = (
+            root,
+            self.numbers.force_min[problem],
+            self.numbers.force_max[problem],
+            (None,) * len(self._least),
+        )
+
+        def children(node: _Node, where: str, kind: float, *given: float) -> list[_Node]:
+            if kind not in _CUTS:
                 raise InvalidInput(f"{where}: expected kind 0, 1, 2, 3 or 4, got {kind:g}")
-        if stack:
-            raise InvalidInput(
-                f"tree: expected {len(stack)} more nodes or more after {len(tree)}, got none"
-            )
-        if len(leaves) != len(rows):
-            raise InvalidInput(
-                f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(rows)}"
-            )
+            cut_by, used, rest = _CUTS[kind]
+            if any(given[used:]):
+                raise InvalidInput(f"{where}: expected {rest}, got something else")
+            return cut_by(self, node, where, *given[:used])
+
+        leaves = list(leaves_of(tree, whole, children))
+        require(
+            len(leaves) == len(rows),
+            f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(rows)}",
+        )
         return leaves, rows
 
     def leaves(self, replayed: dict[int, _Replayed]) -> Leaves:
@@ -261,9 +244,10 @@ class Forest:
         nodes = [node for leaves, _ in replayed.values() for node in leaves]
         rows = np.concatenate([rows for _, rows in replayed.values()])
         largest = np.abs(rows).max(axis=1, keepdims=True)
-        sizes, roots = [len(piece) for piece in self._pieces], len(self._pieces) - len(self._roots)
+        sizes, roots = [len(piece) for piece in self._pieces], self._roots[self._whole :]
+        off = {root: sag(self._pieces[root]) for root in set(roots)}
         sags = np.zeros(len(sizes))
-        sags[roots:] = [self._sag(root) for root in self._roots]
+        sags[self._whole :] = [off[root] for root in roots]
         return Leaves(
             problem=np.repeat(list(replayed), [len(leaves) for leaves, _ in replayed.values()]),
             lower=np.array([lower for _, lower, *_ in nodes]),
@@ -284,7 +268,7 @@ class Forest:
                 rows[e] = half_space(side, float(self._least[e]))
         return rows
 
-    def _parted(self, node: _Node, step: float, where: str) -> list[_Node]:
+    def _parted(self, node: _Node, where: str, step: float) -> list[_Node]:
         """The parts of the side that a least step has; the first one last."""
         pieces, lower, upper, sides = node
         e = _index(step, len(sides), f"{where}: least step")
@@ -293,9 +277,10 @@ class Forest:
         children = [(*sides[:e], part, *sides[e + 1 :]) for part in parts(sides[e])]
         return [(pieces, lower, upper, child) for child in reversed(children)]
 
-    def _chosen(self, node: _Node, candidate: int) -> list[_Node]:
+    def _chosen(self, node: _Node, where: str, foothold: float, nth: float) -> list[_Node]:
         """The slot's foothold on this candidate, and not on it; the first child last."""
         pieces, lower, upper, sides = node
+        candidate = self._candidate(foothold, nth, where)
         on, off = (
             np.where(self.numbers.candidate == self.numbers.candidate[candidate], -1, pieces),
             pieces.copy(),
@@ -304,19 +289,19 @@ class Forest:
         return [(off, lower, upper, sides), (on, lower, upper, sides)]
 
     def _cut(
-        self, node: _Node, candidate: int, first: float, second: float, where: str
+        self, node: _Node, where: str, foothold: float, nth: float, first: float, second: float
     ) -> list[_Node]:
         pieces, lower, upper, sides = node
+        candidate = self._candidate(foothold, nth, where)
         piece = int(pieces[candidate])
         if piece < 0:
             raise InvalidInput(f"{where}: expected a candidate that is open, got one that is not")
-        polygon, roots = self._pieces[piece], len(self._pieces) - len(self._roots)
+        polygon, depth = self._pieces[piece], 1 + self._depths[piece]
         if not 0.0 <= first < second < len(polygon):
             raise InvalidInput(
                 f"{where}: expected border coordinates 0 ≤ a < b < {len(polygon)}, got {first:g}, "
                 f"{second:g}"
             )
-        depth = 1 + (0 if piece < roots else self._depths[piece - roots])
         if depth > _DEEPEST:
             raise InvalidInput(
                 f"{where}: expected a piece of {_DEEPEST} cuts or fewer, got one more"
@@ -330,14 +315,14 @@ class Forest:
                 )
             child = pieces.copy()
             child[candidate] = len(self._pieces)
-            self._roots.append(piece if piece < roots else self._roots[piece - roots])
+            self._roots.append(self._roots[piece])
             self._pieces.append(part)
             self._depths.append(depth)
             children.insert(0, (child, lower, upper, sides))
         return children
 
     def _split(
-        self, node: _Node, contact: float, component: float, value: float, where: str
+        self, node: _Node, where: str, contact: float, component: float, value: float
     ) -> list[_Node]:
         pieces, lower, upper, sides = node
         i = _index(contact, len(lower), f"{where}: contact")
@@ -360,10 +345,43 @@ class Forest:
         counts = np.diff(np.append(begins, len(self.numbers.candidate)))
         return int(begins[p]) + _index(candidate, int(counts[p]), f"{where}: candidate")
 
-    def _sag(self, root: int) -> float:
-        if root not in self._sags:
-            self._sags[root] = sag(self._pieces[root])
-        return self._sags[root]
+
+_CUTS: Mapping[float, tuple[Callable[..., list[_Node]], int, str]] = {
+    1: (Forest._chosen, 2, "zeros after a choice"),
+    2: (Forest._cut, 4, ""),
+    3: (Forest._split, 3, "a zero after a force"),
+    4: (Forest._parted, 1, "zeros after a least step"),
+}
+"""The children of a node by its kind, how many of its numbers say them, and what the others are."""
+
+
+def leaves_of(tree: Array, root: Node, children: Callable[..., Sequence[Node]]) -> Iterator[Node]:
+    """The leaves of a tree in preorder.
+
+    Arguments:
+        tree: a row (kind, four numbers) for every node; a leaf has zeros.
+        root: all that there is to choose from.
+        children: of a node, from its place in words, its kind and its numbers; the first one last.
+
+    Raises:
+        InvalidInput: for a tree that does not end where its leaves do.
+    """
+    stack = [root]
+    for at, (kind, *given) in enumerate(tree.tolist()):
+        where = f"tree[{at}]"
+        if not stack:
+            raise InvalidInput(f"{where}: expected the end of the tree, got another node")
+        node = stack.pop()
+        if kind != 0:
+            stack += children(node, where, kind, *given)
+            continue
+        if any(given):
+            raise InvalidInput(f"{where}: expected zeros in a leaf, got something else")
+        yield node
+    if stack:
+        raise InvalidInput(
+            f"tree: expected {len(stack)} more nodes or more after {len(tree)}, got none"
+        )
 
 
 def _offsets(course: Problem) -> Array:
@@ -472,10 +490,10 @@ def check_certificate(
     of_course = not subject.is_posture
     if tolerance is None:
         tolerance = 0.0 if of_course else GAP
-    if of_course and not any_sets and (short := _short_sets(subject)):
-        return proof_report(certificate, tolerance, 0.0, 0, -1, f"rejected: {short}")
-    forest = forest_of(subject)
     try:
+        if of_course and not any_sets:
+            _check_sets(subject)
+        forest = forest_of(subject)
         replayed = forest.replay(0, certificate)
     except InvalidInput as error:
         return proof_report(certificate, tolerance, 0.0, 0, -1, f"rejected: {error}")
@@ -501,7 +519,7 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
     A problem is refuted where this exceeds the tolerance, not below 0. Problems may have any number
     of contacts.
     """
-    problems = [_posture_problem(certificate) for certificate in certificates]
+    problems = [posture_problem(certificate) for certificate in certificates]
     bounds = np.zeros(len(problems))
     kinds = [(row_counts(problem.contacts), counts_of(problem.contacts)) for problem in problems]
     for kind in set(kinds):
@@ -520,32 +538,29 @@ def check_certificates(certificates: Sequence[Certificate]) -> Array:
     return bounds
 
 
-def _short_sets(course: Problem) -> str:
-    """Why a proof over a course's sets of legs says nothing of anything; empty where they hold all
-    that the legs of the robot's file reach, or are the inner ones, of which it then is.
+def _check_sets(course: Problem) -> None:
+    """Raise InvalidInput where a proof over a course's sets of legs says nothing of anything: where
+    they neither hold all that the legs of the robot's file reach, nor are the inner ones, of which
+    it then is.
     """
     if not course.robot.own:
-        return ""
+        return
     from ..robot.reach_sets import contains_all
     from ..robot.walker import sets_of
 
-    if course.has_soles:
-        return (
-            f"robot {course.robot.name}: expected feet that are balls, got soles, which may touch "
-            "with any part of them"
-        )
-    try:
-        if contains_all(course.robot) or sets_of(course.robot) == "inner":
-            return ""
-    except InvalidInput as error:
-        return str(error)
-    return (
-        f"robot {course.robot.name}: expected sets that hold all that its legs reach wherever its "
-        "centre of mass is, got smaller ones"
+    where = f"robot {course.robot.name}"
+    balls = (
+        f"{where}: expected feet that are balls, got soles, which may touch with any part of them"
+    )
+    require(not course.has_soles, balls)
+    require(
+        contains_all(course.robot) or sets_of(course.robot) == "inner",
+        f"{where}: expected sets that hold all that its legs reach wherever its centre of mass is, "
+        "got smaller ones",
     )
 
 
-def _posture_problem(certificate: Certificate) -> Problem:
+def posture_problem(certificate: Certificate) -> Problem:
     """The posture problem that a certificate is of.
 
     Raises InvalidInput for one of anything else.

@@ -53,10 +53,9 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
     says; and per seam between two parts toes, body, turn, joints and rest. Of every leap, "flight":
     its whole body against all surfaces of the terrain, and "ground": its toes on the terrain.
     """
-    groups = list[Group]()
-    defect = _defect(crossing)
+    groups, defect = list[Group](), _defect(crossing)
     if not defect:
-        groups = list(_parts(crossing))
+        groups += _parts(crossing)
         if not any(group.value == _BROKEN for group in groups):
             groups += _seams(crossing)
         groups += _proof(crossing)
@@ -66,26 +65,28 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
 def _defect(crossing: Crossing) -> str:
     """Reason why the parts are not parts of one way; empty where there is none."""
     first = crossing.problem
-    terrain = to_json(first.terrain)
-    for k, part in enumerate(crossing.parts):
-        where = f"part {k + 1}"
-        if other := differs(first.robot, part.problem.robot):
-            return f"{where}: expected the robot of part 1, got another: {other}"
+    terrain, robot, gravity = to_json(first.terrain), to_json(first.robot), first.gravity_m_s2
+    for k, part in enumerate(crossing.parts, 1):
+        other = differs(first.robot, part.problem.robot)
+        rules: list[tuple[object, str]] = [(other, f"the robot of part 1, got another: {other}")]
         if isinstance(part, Plan):
-            if to_json(part.problem.terrain) != terrain:
-                return f"{where}: expected the terrain of part 1, got another"
-            if part.problem.gravity_m_s2 != first.gravity_m_s2:
-                return f"{where}: expected the gravity of part 1, got another"
-            if part.problem.wrench is not None:
-                return f"{where}: expected no wrench on a body that leaps"
-            if to_json(part.problem.robot) != to_json(first.robot):
-                return f"{where}: expected the robot of part 1, got another: their limbs differ"
-        elif not first.robot.own:
-            return f"{where}: expected a robot with legs of its own, got {first.robot.name}"
-        elif first.gravity_m_s2 != GRAVITY_M_S2:
-            return f"{where}: expected the gravity that leaps have, {GRAVITY_M_S2:g} m/s², got {first.gravity_m_s2:g}"
-        elif not all(part.problem.still):
-            return f"{where}: expected a leap that begins and ends at rest"
+            asked, limbs = part.problem, "the robot of part 1, got another: their limbs differ"
+            rules += [
+                (to_json(asked.terrain) != terrain, "the terrain of part 1, got another"),
+                (asked.gravity_m_s2 != gravity, "the gravity of part 1, got another"),
+                (asked.wrench is not None, "no wrench on a body that leaps"),
+                (to_json(asked.robot) != robot, limbs),
+            ]
+        else:
+            usual = f"the gravity that leaps have, {GRAVITY_M_S2:g} m/s², got {gravity:g}"
+            rules += [
+                (not first.robot.own, f"a robot with legs of its own, got {first.robot.name}"),
+                (gravity != GRAVITY_M_S2, usual),
+                (not all(part.problem.still), "a leap that begins and ends at rest"),
+            ]
+        for wrong, wanted in rules:
+            if wrong:
+                return f"part {k}: expected {wanted}"
     return ""
 
 
@@ -95,14 +96,10 @@ def differs(mine: Robot, other: Robot) -> str:
         return f"{mine.mass_kg:g} kg and {other.mass_kg:g} kg"
     if mine.limb_names != other.limb_names:
         return f"limbs {', '.join(mine.limb_names)} and {', '.join(other.limb_names)}"
-    digests = [robot.digest for robot in (mine, other)]
-    if digests[0] != digests[1]:
-        return (
-            "their legs are of different files"
-            if all(digests)
-            else "only one of them has legs of its own"
-        )
-    return ""
+    if mine.digest == other.digest:
+        return ""
+    both = mine.digest and other.digest
+    return "their legs are of different files" if both else "only one of them has legs of its own"
 
 
 def _parts(crossing: Crossing) -> Iterator[Group]:
@@ -139,12 +136,9 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
 def _seams(crossing: Crossing) -> Iterator[Group]:
     """Gaps between each part and the next."""
     for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
-        name = f"{k} to {k + 1}"
-        (com, rotation, toes, angles), (com_then, rotation_then, toes_then, angles_then) = (
-            _end(before, last=True),
-            _end(after, last=False),
-        )
-        names = crossing.robot.limb_names
+        name, names = f"{k} to {k + 1}", crossing.robot.limb_names
+        com, rotation, toes, angles = _end(before, last=True)
+        com_then, rotation_then, toes_then, angles_then = _end(after, last=False)
         yield _seam(f"{name}: toes", np.linalg.norm(toes - toes_then, axis=1), _TOES_M, names)
         yield _seam(f"{name}: body", np.linalg.norm([com - com_then], axis=1), _BODY_M)
         yield _seam(f"{name}: turn", np.abs(rotation - rotation_then), TURN_RAD, ("x", "y", "z"))
@@ -183,30 +177,25 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
     proof = crossing.certificate
     if proof is None:
         return
-    name = "key frames alone"
-    if proof.problem is None or differs(crossing.robot, proof.problem.robot):
-        yield Group(name, message="the proof is of another robot", verdict="violated")
-        return
-    if to_json(getattr(proof.problem, "terrain", ())) != to_json(crossing.problem.terrain):
-        yield Group(name, message="the proof is over another terrain", verdict="violated")
-        return
-    if other := _another_way(crossing, proof.problem):
-        yield Group(name, message=f"the proof is of {other}", verdict="violated")
-        return
-    report = check_certificate(proof)
+    other = _another(crossing, proof.problem)
+    report = None if other else check_certificate(proof)
     yield Group(
-        name,
-        message=report.message,
-        verdict="holds" if report.accepted else "violated",
+        "key frames alone",
+        message=f"the proof is {other}" if report is None else report.message,
+        verdict="holds" if report is not None and report.accepted else "violated",
     )
 
 
-def _another_way(crossing: Crossing, problem: Any) -> str:
-    """Name of what a proof speaks of in place of the way of a crossing; empty for that way."""
+def _another(crossing: Crossing, problem: Any) -> str:
+    """What a proof speaks of in place of the way of a crossing; empty for that way."""
     first, last = crossing.problem, crossing.parts[-1].problem
+    if problem is None or differs(crossing.robot, problem.robot):
+        return "of another robot"
+    if to_json(getattr(problem, "terrain", ())) != to_json(first.terrain):
+        return "over another terrain"
     if not isinstance(problem, Passage):
-        return "one layout of key frames, which proves nothing of others"
+        return "of one layout of key frames, which proves nothing of others"
     if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > _BODY_M:
-        return "another start"
+        return "of another start"
     goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
-    return "another goal" if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M else ""
+    return "of another goal" if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M else ""

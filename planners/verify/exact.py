@@ -27,7 +27,7 @@ from typing import Any
 
 from flint import arb, ctx, fmpq
 
-from ..errors import InvalidInput
+from ..errors import require
 
 BITS = 192
 """Bits of the balls' centres."""
@@ -46,6 +46,12 @@ _Piece = tuple[list[Vector], Number, Vector]
 
 class _Refused(Exception):
     """Why a certificate proves nothing."""
+
+
+def _expect(holds: object, otherwise: str) -> None:
+    """Raise _Refused with these words where something does not hold."""
+    if not holds:
+        raise _Refused(otherwise)
 
 
 @dataclass(frozen=True)
@@ -103,14 +109,13 @@ def check_exact(
                 where = f"leaf {len(kinds)}: "
                 given = iter(_exact(rows[len(kinds)]) if len(kinds) < len(rows) else ())
                 bound = _bound(problem, node, given)
-                if next(given, None) is not None:
-                    raise _Refused("expected fewer multipliers")
+                _expect(next(given, None) is None, "expected fewer multipliers")
                 if bound is not None and not bound > 0:
                     raise _Refused(f"expected a bound above 0, got {float(bound):.3g}")
                 kind = "balls" if isinstance(bound, arb) else "rational"
                 kinds.append("empty" if bound is None else kind)
-            if len(kinds) != len(rows):
-                raise _Refused(f"expected {len(kinds)} rows of multipliers, got {len(rows)}")
+            many = f"expected {len(kinds)} rows of multipliers, got {len(rows)}"
+            _expect(len(kinds) == len(rows), many)
         except (_Refused, StopIteration) as error:
             why = error if isinstance(error, _Refused) else "expected more multipliers"
             return False, kinds, f"rejected: {where}{why}"
@@ -122,8 +127,7 @@ def _leaves(root: _Node, tree: Sequence[Sequence[float]]) -> Iterator[_Node]:
     """The leaves of a tree; raises _Refused where it does not cover all that there is to choose."""
     stack, cuts = [root], (_chosen, _cut, _split, _timed if root.timings else _parted)
     for at, (kind, *numbers) in enumerate(tree):
-        if not stack:
-            raise _Refused(f"tree[{at}]: expected its end, got another node")
+        _expect(stack, f"tree[{at}]: expected its end, got another node")
         node = stack.pop()
         if kind == 0:
             yield node
@@ -132,8 +136,7 @@ def _leaves(root: _Node, tree: Sequence[Sequence[float]]) -> Iterator[_Node]:
             stack += reversed(cuts[_whole(kind - 1, len(cuts))](node, *numbers))
         except LookupError:
             raise _Refused(f"tree[{at}]: expected a cut of what is open, got another") from None
-    if stack:
-        raise _Refused(f"tree: expected {len(stack)} more nodes or more, got none")
+    _expect(not stack, f"tree: expected {len(stack)} more nodes or more, got none")
 
 
 def _whole(value: float, count: int) -> int:
@@ -334,12 +337,12 @@ def _work(a: Vector, box: tuple[Vector, Vector], friction: Number) -> Number:
 def _course(data: Mapping[str, Any]) -> _Sum:
     """A posture problem or a course, in units of its length and force."""
     one = "contacts" in data
-    if not (one or "placements" in data):
-        raise InvalidInput("exact: expected a proof of a posture, a course or a leap")
+    known = one or "placements" in data
+    require(known, "exact: expected a proof of a posture, a course or a leap")
     body = data if one else data["robot"]
     limbs = data["contacts"] if one else body["limbs"]
-    if any(limb.get("sole_m") is not None for limb in limbs):
-        raise InvalidInput("exact: expected point feet, got soles")
+    points = all(limb.get("sole_m") is None for limb in limbs)
+    require(points, "exact: expected point feet, got soles")
     names = [limb["leg" if one else "name"] for limb in limbs]
     placed = data.get("placements") or [
         {**limb, "limb": limb["leg"], "frame": 0, "candidates": [limb]} for limb in limbs
@@ -496,8 +499,7 @@ def _leap(data: Mapping[str, Any]) -> _Sum:
                 boxes.append(([_ZERO, -shear, -shear], [most, shear, shear]))
 
     def rows(node: _Node) -> Iterator[_Row]:
-        if len(node.timings) != 1:
-            raise _Refused("expected one timing")
+        _expect(len(node.timings) == 1, "expected one timing")
         lasts = [
             _exact(s) / phase["intervals"]
             for s, phase in zip(data["timings_s"][node.timings[0]], phases, strict=True)
@@ -632,8 +634,7 @@ def _swung(a: Vector) -> Number:
 
 def _unit(a: Vector) -> Vector:
     square = _dot(a, a)
-    if not square > 0:
-        raise InvalidInput("exact: expected vectors of some length, got none")
+    require(square > 0, "exact: expected vectors of some length, got none")
     return _times(a, 1 / _root(square))
 
 

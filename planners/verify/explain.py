@@ -5,7 +5,7 @@ that would help.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -19,15 +19,16 @@ from ..problem import Problem
 from ..problem.contact import LINEAR
 from ..problem.leap import Leap
 from ..problem.passage import Passage
-from .certificate import GAP, Forest, check_certificate, forest_of
+from .certificate import GAP, Forest, check_certificate, forest_of, posture_problem
 from .geometry import length
 from .lagrangian import (
     Leaves,
-    Multipliers,
     Numbers,
     body_pulls,
+    half_space_pulls,
     leaf_bounds,
     least_lagrangians,
+    multipliers_of,
     with_sides,
 )
 
@@ -118,17 +119,11 @@ def hindrances(certificates: Sequence[Certificate]) -> list[str]:
     """
     if not certificates:
         return []
-    forest = Forest.of_postures([_problem(each) for each in certificates])
+    forest = Forest.of_postures([posture_problem(each) for each in certificates])
     leaves = forest.leaves({k: forest.replay(k, each) for k, each in enumerate(certificates)})
     numbers, names = forest.numbers, [SEVERAL] * len(certificates)
-    now, of_limits = (
-        _bounds(numbers, leaves),
-        {
-            **{name: getattr(numbers, field) for name, field in _FIELDS.items()},
-            "force": leaves.upper[..., 0],
-            "reach": numbers.reach,
-        },
-    )
+    now, of_limits = _bounds(numbers, leaves), {"force": leaves.upper[..., 0]}
+    of_limits |= {name: getattr(numbers, field) for name, field in _FIELDS.items()}
     for share in _GROWTHS:
         grown = np.array(
             [_bounds(*_grown(numbers, leaves, name, share * of_limits[name])) for name in LIMITS]
@@ -139,21 +134,14 @@ def hindrances(certificates: Sequence[Certificate]) -> list[str]:
     return names
 
 
-def _problem(certificate: Certificate) -> Problem:
-    """The posture problem that a certificate refutes."""
-    problem = certificate.refuted
-    assert isinstance(problem, Problem)
-    return problem
-
-
 def _bounds(numbers: Numbers, leaves: Leaves) -> Array:
     """Bound that the weakest leaf of every problem proves, shape (Q,)."""
     starts = np.searchsorted(leaves.problem, np.arange(len(numbers.friction)))
     return np.asarray(np.minimum.reduceat(leaf_bounds(numbers, leaves), starts))
 
 
-_FIELDS = {"friction": "friction", "body": "com_radius", "tilt": "tilt"}
-"""Limits that are one table of numbers."""
+_FIELDS = {"friction": "friction", "reach": "reach", "body": "com_radius", "tilt": "tilt"}
+"""Limits that are a table of numbers."""
 
 
 def _grown(
@@ -167,11 +155,10 @@ def _grown(
         upper = leaves.upper.copy()
         upper[..., 0] += by * (upper[..., 0] == most)
         return numbers, replace(leaves, upper=upper)
+    changed: dict[str, Any] = {_FIELDS[limit]: getattr(numbers, _FIELDS[limit]) + by}
     if limit == "reach":
         reach = np.broadcast_to(by, numbers.reach.shape)
-        rows = numbers.row_bounds + reach[:, numbers.schedule.row_limb]
-        return replace(numbers, reach=numbers.reach + by, row_bounds=rows), leaves
-    changed: dict[str, Any] = {_FIELDS[limit]: getattr(numbers, _FIELDS[limit]) + by}
+        changed["row_bounds"] = numbers.row_bounds + reach[:, numbers.schedule.row_limb]
     return replace(numbers, **changed), leaves
 
 
@@ -420,12 +407,9 @@ def _limits(
     """Values of each limit that would lift one leaf's proof, all else as it is; and where the proof
     pulls most.
     """
-    names, who, m = (
-        course.robot.limb_names,
-        numbers.schedule,
-        Multipliers.of(numbers.schedule, leaf.multipliers),
-    )
-    pushes = (length(m.nu_F) + length(m.nu_M))[0]
+    names, who = course.robot.limb_names, numbers.schedule
+    m = multipliers_of(who, leaf.multipliers)
+    pushes = (length(m["nu_F"]) + length(m["nu_M"]))[0]
     hardest = int(pushes.argmax())
     stance = course.stances[hardest]
     limbs = tuple(names[i] for i in stance.limbs)
@@ -436,51 +420,52 @@ def _limits(
         now = float(
             numbers.friction[0, under & (leaf.pieces[0] >= 0)].max()
         )  # ice is there, too: the best grip
-        by = _grip(numbers, leaf, under)
-        relaxations.append(
-            Relaxation(
-                parameter=f"friction at {where}",
-                leg="",
-                now=now,
-                needed=now + by,
-                unit="",
-                frame=stance.frame,
-                limbs=limbs,
-            )
-        )
-        if math.isinf(by):
-            by = _grip(numbers, leaf, np.ones_like(under))
+        for place, there, at, by_limbs in (
+            (f"at {where}", under, stance.frame, limbs),
+            ("everywhere", np.ones_like(under), None, ()),
+        ):
+            needed = now + _grip(numbers, leaf, there)
             relaxations.append(
                 Relaxation(
-                    parameter="friction everywhere", leg="", now=now, needed=now + by, unit=""
+                    parameter=f"friction {place}",
+                    leg="",
+                    now=now,
+                    needed=needed,
+                    unit="",
+                    frame=at,
+                    limbs=by_limbs,
                 )
             )
+            if math.isfinite(needed):
+                break
     return relaxations, where
 
 
 def _lengths(
-    course: Problem, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float
+    course: Problem, numbers: Numbers, leaf: Leaves, m: Mapping[str, Array], value: float
 ) -> list[Relaxation]:
     """Every limit that the Lagrangian is linear in, where a change within reason lifts the
     proof.
     """
     unit_m, steps = course.unit_m, course.steps
     gripped, reach = (
-        m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]),
-        length(m.reach)[0],
+        half_space_pulls(numbers.schedule, numbers.row_normals[leaf.problem], m),
+        length(m["reach"])[0],
     )
     if gripped is not None:
         for h, limb in enumerate(numbers.schedule.row_limb):
-            reach[:, limb] += m.reach_rows[0, :, h]
-    pulls = m.reach if gripped is None else m.reach + gripped
+            reach[:, limb] += m["reach_rows"][0, :, h]
+    pulls = m["reach"] if gripped is None else m["reach"] + gripped
     linear = with_sides(numbers, leaf)[2]
     pull = length(body_pulls(numbers, leaf.problem, pulls, m, linear)[0])[0]
     of_toes = numbers.schedule.least_toes
-    between = m.relative_reach[0]
+    between = m["relative_reach"][0]
     between, least_toes = np.split(between, [len(between) - of_toes])
     shares = np.maximum(leaf.sides[0, :, 3], 0.0)  # h δ of each least step
     least_toes = least_toes @ shares[:of_toes] / max(steps.least_toe_m / unit_m, 1e-9)
-    least_turns = m.linear_step[0, :, -1:].sum(axis=1)[: len(shares) - of_toes] @ shares[of_toes:]
+    least_turns = (
+        m["linear_step"][0, :, -1:].sum(axis=1)[: len(shares) - of_toes] @ shares[of_toes:]
+    )
     least_turns /= max(steps.least_rotation_rad, 1e-9)
     frame, limb = (int(i) for i in np.unravel_index(int(reach.argmax()), reach.shape))
     worst, owner = int(pull.argmax()), course.robot.limbs[limb]
@@ -499,13 +484,13 @@ def _lengths(
             unit_m,
             "m",
         ),
-        (float(length(m.com_step).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
-        (float(length(m.toe_step).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
+        (float(length(m["com_step"]).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
+        (float(length(m["toe_step"]).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
         (float(between.sum()), "reach between feet", 0.0, unit_m, "m"),
         (float(least_toes), "steps.least_toe_m", steps.least_toe_m, unit_m, "m"),
         (float(least_turns), "steps.least_rotation_rad", steps.least_rotation_rad, 1.0, "rad"),
         (
-            float(length(m.rotation_step).sum()),
+            float(length(m["rotation_step"]).sum()),
             "steps.rotation_rad",
             steps.rotation_rad,
             1.0,
@@ -518,7 +503,7 @@ def _lengths(
             unit_m,
             "m",
         ),
-        (float(m.progress.sum()), "steps.progress_m", steps.progress_m, unit_m, "m"),
+        (float(m["progress"].sum()), "steps.progress_m", steps.progress_m, unit_m, "m"),
         *_linear(course, m),
     )
     about: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -545,12 +530,14 @@ def _lengths(
     return relaxations
 
 
-def _linear(course: Problem, m: Multipliers) -> Iterator[tuple[float, str, float, float, str]]:
+def _linear(
+    course: Problem, m: Mapping[str, Array]
+) -> Iterator[tuple[float, str, float, float, str]]:
     """(pull, name, limit, scale, unit) of further limits of the body's steps."""
     rows = np.repeat(
         list(course.steps.linear), [len(LINEAR[name][2]) for name in course.steps.linear]
     )
-    used = m.linear_step[0][:, : len(rows)]
+    used = m["linear_step"][0][:, : len(rows)]
     for name, limit in course.steps.linear.items():
         unit = LINEAR[name][1]
         pull = float(used[:, rows == name].sum())

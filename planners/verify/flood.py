@@ -24,10 +24,9 @@ judged against the ground. Its extents, which hold it in any posture (``robot.ou
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,6 +100,12 @@ class _Refused(Exception):
     """A certificate that proves nothing, and why."""
 
 
+def _expect(holds: object, what: str) -> None:
+    """Raise _Refused, which says what was expected, where it does not hold."""
+    if not holds:
+        raise _Refused(f"expected {what}")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Surface:
     """Pieces on which feet may stand, put together."""
@@ -126,55 +131,45 @@ class _Replay:
             raise _Refused("expected a passage")
         self.passage, self.extent = passage, extent or Extent.of(passage.robot)
         tree, self.directions = certificate.tree, certificate.multipliers
-        if tree.ndim != 2 or tree.shape[1] != 5 or not np.isfinite(tree).all():
-            raise _Refused("expected rows of five finite numbers")
-        if self.directions.ndim != 2 or self.directions.shape[1] != 2:
-            raise _Refused("expected directions in the plane")
-        if not np.all(np.abs(np.linalg.norm(self.directions, axis=1) - 1.0) < ROOM_M):
-            raise _Refused("expected directions of length 1")
+        numbers = tree.shape[1:] == (5,) and np.isfinite(tree).all()
+        _expect(numbers, "rows of five finite numbers")
+        _expect(self.directions.shape[1:] == (2,), "directions in the plane")
+        sizes = np.linalg.norm(self.directions, axis=1)
+        _expect(np.all(np.abs(sizes - 1.0) < ROOM_M), "directions of length 1")
         rows = {name: tree[tree[:, 0] == kind] for name, kind in KINDS.items()}
-        if sum(map(len, rows.values())) != len(tree):
-            raise _Refused("expected rows of the kinds that there are")
+        _expect(sum(map(len, rows.values())) == len(tree), "rows of the kinds that there are")
         self._place(rows["raster"], rows["spacing"])
         self.grow = self.extent.sole_m
         self.surfaces = self._surfaces(rows["piece"])
         self.held = self._states(rows["set"], rows["run"])
-        self._reached: dict[int, _Cells] = {}
 
     def _place(self, raster: Array, spacing: Array) -> None:
         """Take the raster, which has to be all over the map."""
-        if len(raster) != 1 or len(spacing) != 1 or not 0.0 < spacing[0, 3] <= MOST_SPACING_M:
-            raise _Refused(f"expected one raster of up to {MOST_SPACING_M:g} m")
+        one = len(raster) == len(spacing) == 1 and 0.0 < spacing[0, 3] <= MOST_SPACING_M
+        _expect(one, f"one raster of up to {MOST_SPACING_M:g} m")
         counts = raster[0, 1:3].astype(int)
-        if not (
-            np.all(counts >= 1)
-            and np.all(counts == raster[0, 1:3])
-            and np.prod(counts) <= _MOST_CELLS
-        ):
-            raise _Refused(f"expected up to {_MOST_CELLS} cells")
+        whole = np.all(counts >= 1) and np.all(counts == raster[0, 1:3])
+        _expect(whole and np.prod(counts) <= _MOST_CELLS, f"up to {_MOST_CELLS} cells")
         self.size, self.corner = float(spacing[0, 3]), raster[0, 3:5]
         self.counts = (int(counts[0]), int(counts[1]))
         every = [
             each.vertices_m[:, :2] for each in (*self.passage.terrain, *self.passage.footholds)
         ]
-        if not every:
-            raise _Refused("expected a terrain")
+        _expect(every, "a terrain")
         corners, end = np.concatenate(every), self.corner + self.size * counts
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
-        if np.any(self.low < self.corner - ROOM_M) or np.any(self.high > end + ROOM_M):
-            raise _Refused("expected a raster all over the map")
+        over = np.all(self.low >= self.corner - ROOM_M) and np.all(self.high <= end + ROOM_M)
+        _expect(over, "a raster all over the map")
         self.half = self.size * float(np.sqrt(0.5))
         axes = [self.corner[k] + self.size * (np.arange(self.counts[k]) + 0.5) for k in range(2)]
         self.xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
     def _surfaces(self, rows: Array) -> list[_Surface]:
         """The surfaces, which have to hold every foothold once."""
-        count = len(self.passage.footholds)
-        nodes = np.unique(rows[:, 1])
-        if sorted(rows[:, 2].tolist()) != list(range(count)) or not 1 <= len(nodes) <= _MOST_NODES:
-            raise _Refused(f"expected every foothold in one of up to {_MOST_NODES} surfaces")
-        if not np.array_equal(nodes, np.arange(len(nodes))):
-            raise _Refused("expected surfaces by number")
+        every, nodes = list(range(len(self.passage.footholds))), np.unique(rows[:, 1])
+        once = sorted(rows[:, 2].tolist()) == every and 1 <= len(nodes) <= _MOST_NODES
+        _expect(once, f"every foothold in one of up to {_MOST_NODES} surfaces")
+        _expect(np.array_equal(nodes, np.arange(len(nodes))), "surfaces by number")
         return [
             _Surface(
                 pieces=tuple(self.passage.footholds[int(p)] for p in rows[rows[:, 1] == node, 2])
@@ -187,12 +182,11 @@ class _Replay:
         held: dict[frozenset[int], _Cells] = {}
         for number in np.unique(sets[:, 1]):
             chosen = frozenset(int(i) for i in sets[sets[:, 1] == number, 2])
-            if chosen in held or not chosen <= set(range(len(self.surfaces))):
-                raise _Refused("expected every set of surfaces once")
+            new = chosen not in held and chosen <= set(range(len(self.surfaces)))
+            _expect(new, "every set of surfaces once")
             cells = np.zeros(self.counts[0] * self.counts[1], dtype=bool)
             for first, last in runs[runs[:, 1] == number, 3:5].astype(int):
-                if not 0 <= first < last <= len(cells):
-                    raise _Refused("expected runs of cells of the raster")
+                _expect(0 <= first < last <= len(cells), "runs of cells of the raster")
                 cells[first:last] = True
             held[chosen] = cells.reshape(self.counts)
         return held
@@ -204,12 +198,15 @@ class _Replay:
         """
         nowhere = np.zeros(self.counts, dtype=bool)
         start, goal = (self._about(place) for place in (self.passage.start_m, self.passage.goal_m))
-        for chosen in self._sets():
+        numbers = range(len(self.surfaces))
+        for chosen in map(
+            frozenset, chain.from_iterable(combinations(numbers, n + 1) for n in numbers)
+        ):
             here = self.held.get(chosen, nowhere)
             if (here & goal).any():
                 raise _Refused("a state that may be reached is at the goal")
             across = _beside(here) | start
-            for i in range(len(self.surfaces)):
+            for i in numbers:  # a foot may touch several surfaces, where they meet
                 across |= self.held.get(chosen ^ {i}, nowhere)
             open_ = across & ~here
             if open_.any() and not self._refuted(chosen, open_).all():
@@ -217,12 +214,6 @@ class _Replay:
                     f"a step on surfaces {', '.join(map(str, sorted(chosen)))} is not refuted"
                 )
         return int(sum(cells.sum() for cells in self.held.values()))
-
-    def _sets(self) -> Iterator[frozenset[int]]:
-        """Every set of surfaces; a foot may touch several, where they meet."""
-        count = len(self.surfaces)
-        for size in range(1, count + 1):
-            yield from map(frozenset, combinations(range(count), size))
 
     def _about(self, place: Array) -> _Cells:
         """Cells of which some point is near a place."""
@@ -233,9 +224,7 @@ class _Replay:
         """Tell which of some cells, in a row, no state on these surfaces is over."""
         if any(self._too_far(i, j) for i, j in combinations(sorted(chosen), 2)):
             return np.ones(int(cells.sum()), dtype=bool)
-        refuted = np.zeros(int(cells.sum()), dtype=bool)
-        for i in chosen:
-            refuted |= ~self._within(i)[cells]
+        refuted: _Cells = ~np.all([self._within[i][cells] for i in chosen], axis=0)
         if refuted.all():
             return refuted
         places = self.xy[cells]
@@ -254,12 +243,15 @@ class _Replay:
                     return False
         return True
 
-    def _within(self, i: int) -> _Cells:
+    @cached_property
+    def _within(self) -> list[_Cells]:
+        """Cells over which some centre of mass has a foot on each surface."""
+        return [self._beside_foot(surface) for surface in self.surfaces]
+
+    def _beside_foot(self, surface: _Surface) -> _Cells:
         """Cells over which some centre of mass has a foot on a surface."""
-        if i in self._reached:
-            return self._reached[i]
         reach, within = self.extent.reach_m, np.zeros(self.counts, dtype=bool)
-        for piece, (_, high) in zip(self.surfaces[i].pieces, self.surfaces[i].spans, strict=True):
+        for piece, (_, high) in zip(surface.pieces, surface.spans, strict=True):
             flat, room = piece.vertices_m[:, :2], reach + self.grow + self.half + self.size
             low = np.floor((flat.min(axis=0) - room - self.corner) / self.size).astype(int)
             end = np.ceil((flat.max(axis=0) + room - self.corner) / self.size).astype(int)
@@ -269,27 +261,22 @@ class _Replay:
             across = np.maximum(away - self.half - self.grow, 0.0)
             below = np.maximum(self._low[part] - top, 0.0)
             within[part] |= across**2 + below**2 <= (reach + ROOM_M) ** 2
-        self._reached[i] = within
         return within
 
     def _held_most(self, chosen: frozenset[int], direction: Array) -> float:
         """The farthest along a direction that a weight is held: the least over z₀ of the largest a +
         κ (|z − z₀| + rise), which is convex in z₀ (golden section).
         """
-        along, steep, heights, rises = [], [], [], []
-        for i in chosen:
-            for piece in self.surfaces[i].pieces:
-                angle = float(
-                    np.arccos(np.clip(piece.normal[2], -1.0, 1.0)) + np.arctan(piece.friction)
-                )
-                if angle >= STEEPEST_RAD:
-                    return float("inf")
-                along.append(piece.vertices_m[:, :2] @ direction + self.grow)
-                steep.append(np.full(len(along[-1]), np.tan(angle)))
-                heights.append(piece.vertices_m[:, 2])
-                rise = self.grow * float(np.sqrt(max(1.0 - piece.normal[2] ** 2, 0.0)))
-                rises.append(np.full(len(along[-1]), rise))
-        a, k, z, r = (np.concatenate(each) for each in (along, steep, heights, rises))
+        rows = list[Array]()
+        for piece in (piece for i in chosen for piece in self.surfaces[i].pieces):
+            upright = np.clip(piece.normal[2], -1.0, 1.0)
+            angle = float(np.arccos(upright) + np.arctan(piece.friction))
+            if angle >= STEEPEST_RAD:
+                return float("inf")
+            rise = self.grow * float(np.sqrt(max(1.0 - piece.normal[2] ** 2, 0.0)))
+            along, heights = piece.vertices_m[:, :2] @ direction + self.grow, piece.vertices_m[:, 2]
+            rows.append(np.array(np.broadcast_arrays(along, np.tan(angle), heights, rise)))
+        a, k, z, r = np.concatenate(rows, axis=1)
 
         def most(about: float) -> float:
             return float((a + k * (np.abs(z - about) + r)).max())

@@ -16,7 +16,7 @@ all constraints but the balances of moments, whose largest component is off by �
       + Σ_toes [b·(q' − q) − Δ_p‖b‖]
       ≤  Σ_stances ‖ν_M‖₁ ε.
 
-Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) −
+Half-spaces of reach add terms of the form of r (``geometry``), those of feet Σ σ (a·(q' − q) −
 b), σ ≥ 0, further rows of the body's steps Σ σ (a·(c' − c, Θ' − Θ) − b), σ ≥ 0. Sides of least steps
 (``problem.sides``) are such rows, b − n·(q' − q) and b − n·(Θ' − Θ), which each leaf has of its own.
 
@@ -44,54 +44,24 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import cached_property
-from ..files.arrays import Array
-from .geometry import cross, length
-from .half_spaces import bending, half_space_pulls, relative_pulls
+from ..files.arrays import Array, cross
+from .geometry import length, most_turned
 from .stances import Index, Schedule
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Multipliers:
-    """The multipliers of L leaves by group, in the order in which a row has them."""
-
-    nu_F: Array  # (L, S, 3)
-    nu_M: Array  # (L, S, 3)
-    reach: Array  # (L, M, N, 3)
-    com_step: Array  # (L, M − 1, 3)
-    rotation_step: Array  # (L, M − 1, 3)
-    progress: Array  # (L, M − 1)
-    toe_step: Array  # (L, moves, 3)
-    reach_rows: Array  # (L, M, H)
-    relative_reach: Array  # (L, rows of ``relative_rows``)
-    linear_step: Array  # (L, M − 1, rows of ``StepLimits.linear_rows``)
-
-    @classmethod
-    def of(cls, who: Schedule, rows: Array) -> Multipliers:
-        """Rows of a certificate, shape (L, count), by group."""
-        parts, begin = {}, 0
-        for name, shape in multiplier_shapes(who).items():
-            end = begin + math.prod(shape)
-            parts[name] = rows[:, begin:end].reshape(len(rows), *shape)
-            begin = end
-        return cls(**parts)
-
-    def gripped(self, who: Schedule, normals: Array) -> Array | None:
-        """Part of r that half-spaces of reach add, shape (L, M, N, 3), or None.
-
-        Arguments:
-            normals: of each leaf's, (L, H, 3).
-        """
-        return half_space_pulls(who.row_limb, normals, self.reach_rows, self.reach.shape[2])
-
-
 def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
-    """Shape of every group of a leaf's multipliers."""
+    """Shape of every group of a leaf's multipliers, in the order in which a row has them.
+
+    Half-spaces of reach are ``reach_rows``, those of feet ``relative_reach``, and further rows of
+    the body's steps ``linear_step`` (``StepLimits.linear_rows``).
+    """
     (frames, limbs), stances = who.holds.shape, len(who.frame)
     return {
         "nu_F": (stances, 3),
@@ -105,6 +75,16 @@ def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
         "relative_reach": (len(who.apart),),
         "linear_step": (frames - 1, who.linear),
     }
+
+
+def multipliers_of(who: Schedule, rows: Array) -> dict[str, Array]:
+    """Multipliers of L leaves by group, shape (L, …) each, from rows of a certificate, (L, count)."""
+    parts, begin = dict[str, Array](), 0
+    for name, shape in multiplier_shapes(who).items():
+        end = begin + math.prod(shape)
+        parts[name] = rows[:, begin:end].reshape(len(rows), *shape)
+        begin = end
+    return parts
 
 
 def multiplier_count(who: Schedule) -> int:
@@ -220,7 +200,7 @@ class Numbers:
     offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
     apart_normals: Array = field(
         default_factory=lambda: np.zeros((0, 3))
-    )  # of ``half_spaces.relative_rows``, without the sides of least steps
+    )  # of ``geometry.relative_rows``, without the sides of least steps
     apart_bounds: Array = field(default_factory=lambda: np.zeros(0))
     linear: Array = field(
         default_factory=lambda: np.zeros((0, 7))
@@ -276,7 +256,7 @@ def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
     both an accepted answer and an accepted certificate.
     """
     values, empty = least_lagrangians(numbers, leaves)
-    moments = Multipliers.of(numbers.schedule, leaves.multipliers).nu_M
+    moments = multipliers_of(numbers.schedule, leaves.multipliers)["nu_M"]
     with np.errstate(
         all="ignore"
     ):  # absurd magnitudes end as NaN, which proves nothing; without moments: inf
@@ -317,13 +297,13 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         sizes: vertices of each candidate, shape (L, T).
     """
     who, q = numbers.schedule, leaves.problem
-    m = Multipliers.of(who, leaves.multipliers)
-    gripped = m.gripped(who, numbers.row_normals[q])
-    pulls = m.reach if gripped is None else m.reach + gripped
+    m = multipliers_of(who, leaves.multipliers)
+    gripped = half_space_pulls(who, numbers.row_normals[q], m)
+    pulls = m["reach"] if gripped is None else m["reach"] + gripped
     toes = _toe_pulls(who, pulls, m)
     apart_normals, apart_bounds, linear = with_sides(numbers, leaves)
     if len(who.apart):
-        toes += relative_pulls(who.apart, apart_normals, m.relative_reach, toes.shape[1])
+        toes += relative_pulls(who.apart, apart_normals, m["relative_reach"], toes.shape[1])
     pull, twist = body_pulls(numbers, q, pulls, m, linear)
     com, weight, shoulders, tilt = (
         numbers.com[q],
@@ -335,7 +315,12 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     most = (
         length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * _SLACK
     )  # ‖f‖, (L, B)
-    pushed, torque, pulled, stretch = length(m.nu_F), length(m.nu_M), length(pull), length(m.reach)
+    pushed, torque, pulled, stretch = (
+        length(m["nu_F"]),
+        length(m["nu_M"]),
+        length(pull),
+        length(m["reach"]),
+    )
     reached, twisted = stretch.sum(axis=1), np.abs(twist).sum(axis=(1, 2))
 
     candidates, far, empty = _candidates(numbers, leaves, m, toes, sizes)
@@ -351,9 +336,9 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         np.vecdot(pull, com).sum(axis=1)
         - np.vecdot(numbers.com_radius[q], pulled)  # ‖c − c_nominal‖ ≤ com_radius
         - tilt * twisted  # |Θ_k| ≤ tilt
-        - np.vecdot(m.reach, shoulders[:, None]).sum(axis=(1, 2))
+        - np.vecdot(m["reach"], shoulders[:, None]).sum(axis=(1, 2))
         - np.vecdot(reached, numbers.reach[q])  # ‖q − c − s − Θ × s‖ ≤ ρ
-        - weight * m.nu_F[:, :, 2].sum(axis=1)
+        - weight * m["nu_F"][:, :, 2].sum(axis=1)
     )
     loose = (
         pulled.sum(axis=1)
@@ -372,19 +357,19 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     )
     if numbers.wrench is not None:
         force, moment = numbers.wrench[q, :, :3], numbers.wrench[q, :, 3:]
-        value += (np.vecdot(m.nu_F, force) + np.vecdot(m.nu_M, moment)).sum(axis=1)
+        value += (np.vecdot(m["nu_F"], force) + np.vecdot(m["nu_M"], moment)).sum(axis=1)
         size = (pushed + torque * far_com[:, who.frame]) * length(force) + torque * length(moment)
         terms += size.sum(axis=1)
     value = _with_steps(value, loose, terms, numbers, m, linear, far_com, far, tilt + _SLACK)
     if len(who.apart):
-        value -= np.vecdot(m.relative_reach, apart_bounds)  # a·(q' − q) ≤ b
-        used = m.relative_reach.sum(axis=1)
+        value -= np.vecdot(m["relative_reach"], apart_bounds)  # a·(q' − q) ≤ b
+        used = m["relative_reach"].sum(axis=1)
         loose += used
-        terms += np.vecdot(m.relative_reach, np.abs(apart_bounds)) + 2.0 * used * far.max(axis=1)
-        value = np.where((m.relative_reach < 0.0).any(axis=1), -np.inf, value)
+        terms += np.vecdot(m["relative_reach"], np.abs(apart_bounds)) + 2.0 * used * far.max(axis=1)
+        value = np.where((m["relative_reach"] < 0.0).any(axis=1), -np.inf, value)
     if gripped is not None:
         used, bounds, bent = (
-            m.reach_rows.sum(axis=1),
+            m["reach_rows"].sum(axis=1),
             numbers.row_bounds[q],
             length(gripped).sum(axis=1),
         )
@@ -392,7 +377,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         value = value - bending(
             gripped, shoulders, tilt + slack, numbers.reach[q] + slack[..., None]
         )
-        value = np.where((m.reach_rows < 0.0).any(axis=(1, 2)), -np.inf, value)
+        value = np.where((m["reach_rows"] < 0.0).any(axis=(1, 2)), -np.inf, value)
         loose += used.sum(axis=1)
         farthest = far.max(axis=1) + far_com.max(axis=1)
         terms += np.vecdot(used, np.abs(bounds)) + 3.0 * used.sum(axis=1) * farthest
@@ -408,7 +393,7 @@ def _with_steps(
     loose: Array,
     terms: Array,
     numbers: Numbers,
-    m: Multipliers,
+    m: Mapping[str, Array],
     linear: Array,
     far_com: Array,
     far: Array,
@@ -425,28 +410,33 @@ def _with_steps(
     who = numbers.schedule
     if len(who.holds) > 1:
         used = np.stack(
-            [length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)],
+            [
+                length(group).sum(axis=1)
+                for group in (m["com_step"], m["rotation_step"], m["toe_step"])
+            ],
             axis=1,
         )
-        gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
-        value += m.progress @ numbers.progress - used @ numbers.steps  # d·(c' − c) ≥ progress, ≤ Δ
+        gained, most_com = m["progress"].sum(axis=1), 2.0 * far_com.max(axis=1)
+        value += (
+            m["progress"] @ numbers.progress - used @ numbers.steps
+        )  # d·(c' − c) ≥ progress, ≤ Δ
         loose += used.sum(axis=1) + gained
         terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
         terms += used[:, 1] * 2.0 * tilt + used[:, 2] * 2.0 * far.max(axis=1)
-        value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
+        value = np.where((m["progress"] < 0.0).any(axis=1), -np.inf, value)
     if who.linear:
-        used, size = m.linear_step, np.abs(linear)  # (L, M − 1, R), (L, M − 1, R, 7)
+        used, size = m["linear_step"], np.abs(linear)  # (L, M − 1, R), (L, M − 1, R, 7)
         value -= (used * linear[..., 6]).sum(axis=(1, 2))  # a·(c' − c, Θ' − Θ) ≤ b
         loose += used.sum(axis=(1, 2))
         weighed = size[..., 6] + 2.0 * length(size[..., 3:6]) * (1.0 + _SLACK)
         terms += (used * weighed).sum(axis=(1, 2))
         terms += (used * length(size[..., :3])).sum(axis=(1, 2)) * 2.0 * far_com.max(axis=1)
-        value = np.where((m.linear_step < 0.0).any(axis=(1, 2)), -np.inf, value)
+        value = np.where((m["linear_step"] < 0.0).any(axis=(1, 2)), -np.inf, value)
     return value
 
 
 def _candidates(
-    numbers: Numbers, leaves: Leaves, m: Multipliers, toes: Array, sizes: Index
+    numbers: Numbers, leaves: Leaves, m: Mapping[str, Array], toes: Array, sizes: Index
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """The least over each slot's vertices of what its toe and the forces on it contribute, inf
     where it is closed.
@@ -474,7 +464,9 @@ def _candidates(
         if numbers.offsets is None
         else v[row] + numbers.offsets[problem, candidate_row, who.point[stance_contact]]
     )
-    nu = m.nu_F[leaf_row, stance] + cross(m.nu_M[leaf_row, stance], acts)  # ν·(v × F) = (ν × v)·F
+    nu = m["nu_F"][leaf_row, stance] + cross(
+        m["nu_M"][leaf_row, stance], acts
+    )  # ν·(v × F) = (ν × v)·F
     a = (nu[:, None, :] @ numbers.frames[problem, candidate_row])[:, 0]
     lower, upper = leaves.lower[leaf_row, stance_contact], leaves.upper[leaf_row, stance_contact]
     friction = numbers.friction[problem, candidate_row]
@@ -529,7 +521,7 @@ def with_sides(numbers: Numbers, leaves: Leaves) -> tuple[Array, Array, Array]:
 
 
 def body_pulls(
-    numbers: Numbers, problem: Index, pulls: Array, m: Multipliers, linear: Array
+    numbers: Numbers, problem: Index, pulls: Array, m: Mapping[str, Array], linear: Array
 ) -> tuple[Array, Array]:
     """Slopes of the left side in every c and Θ of L leaves, shape (L, M, 3) each.
 
@@ -545,26 +537,26 @@ def body_pulls(
         numbers.weight[problem][:, None],
         np.searchsorted(who.frame, np.arange(len(who.holds))),
     )
-    moments = np.add.reduceat(m.nu_M, first, axis=1)
+    moments = np.add.reduceat(m["nu_M"], first, axis=1)
     pull[..., 0] += weight * moments[..., 1]  # −ν·(c × e_z) = (−e_z × ν)·c
     pull[..., 1] -= weight * moments[..., 0]
     if numbers.wrench is not None:  # ν·(c × F) = (F × ν)·c
-        pull += np.add.reduceat(cross(numbers.wrench[problem, :, :3], m.nu_M), first, axis=1)
+        pull += np.add.reduceat(cross(numbers.wrench[problem, :, :3], m["nu_M"]), first, axis=1)
     if len(who.holds) > 1:
-        step = m.com_step - m.progress[..., None] * numbers.ahead
+        step = m["com_step"] - m["progress"][..., None] * numbers.ahead
         pull[:, 1:] += step
         pull[:, :-1] -= step
-        twist[:, 1:] += m.rotation_step
-        twist[:, :-1] -= m.rotation_step
+        twist[:, 1:] += m["rotation_step"]
+        twist[:, :-1] -= m["rotation_step"]
     if who.linear:
-        weighed = np.matmul(m.linear_step[:, :, None], linear[..., :6])[:, :, 0]
+        weighed = np.matmul(m["linear_step"][:, :, None], linear[..., :6])[:, :, 0]
         for slopes, change in ((pull, weighed[..., :3]), (twist, weighed[..., 3:])):
             slopes[:, 1:] += change
             slopes[:, :-1] -= change
     return pull, twist
 
 
-def _toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
+def _toe_pulls(who: Schedule, pulls: Array, m: Mapping[str, Array]) -> Array:
     """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3).
 
     Arguments:
@@ -576,6 +568,43 @@ def _toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
     )
     if len(who.moves):
         before, after = who.moves.T
-        toes[:, after] += m.toe_step  # a foothold is moved to once at most, and from once
-        toes[:, before] -= m.toe_step
+        toes[:, after] += m["toe_step"]  # a foothold is moved to once at most, and from once
+        toes[:, before] -= m["toe_step"]
     return np.asarray(toes)
+
+
+def relative_pulls(feet: NDArray[np.intp], normals: Array, sigma: Array, footholds: int) -> Array:
+    """Slope in every toe that multipliers σ of such half-spaces add, shape (L, P, 3).
+
+    Arguments:
+        normals: of each leaf's, (L, rows, 3).
+        sigma: (L, rows).
+    """
+    signs = np.zeros((len(feet), footholds))
+    signs[np.arange(len(feet)), feet[:, 1]] = 1.0
+    signs[np.arange(len(feet)), feet[:, 0]] = -1.0
+    return np.asarray(np.einsum("ij,ijk,jp->ipk", sigma, normals, signs, optimize=True))
+
+
+def half_space_pulls(who: Schedule, normals: Array, m: Mapping[str, Array]) -> Array | None:
+    """α = Σ σ a of every limb at every frame of L leaves, shape (L, M, N, 3); None where there are
+    no half-spaces.
+
+    Arguments:
+        normals: (L, H, 3).
+    """
+    if not len(who.row_limb):
+        return None
+    owner = (np.arange(who.holds.shape[1])[:, None] == who.row_limb).astype(np.float64)
+    return np.asarray(owner @ (m["reach_rows"][..., None] * normals[:, None]))
+
+
+def bending(pulls: Array, shoulders: Array, tilt: Array, reach: Array) -> Array:
+    """Σ t(α) (ρ + t(s)) of L leaves, shape (W, L), at W tilts, (W, L), and reaches, (W, L, N).
+
+    Arguments:
+        pulls: α, (L, M, N, 3).
+        shoulders: (L, N, 3).
+    """
+    far = reach + tilt[..., None] * most_turned(shoulders)
+    return np.asarray(tilt * np.vecdot(most_turned(pulls).sum(axis=1), far))

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import product
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from ..answer.certificate import Certificate
 from ..answer.report import Report
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
-from .certificate import proof_report
+from .certificate import leaves_of, proof_report
 from .explain import Explanation, Relaxation, halved
-from .geometry import cross, length
+from .geometry import length, most_turned
 
 _MOST_GRIP = 3.0
 """An explanation looks no further."""
@@ -46,14 +46,13 @@ def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
     """Replay a certificate's tree and bound every leaf; never raises for a bad certificate of a
     leap.
     """
-    leap = _leap(certificate)
+    leap = certificate.refuted
+    assert isinstance(leap, Leap)
     try:
         leaves = _replayed(leap, certificate)
-        timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
-        bounds = np.array(
-            [timings[timing].parts(row).least(opened) for timing, opened, row in leaves]
-        )
-    except _Refused as error:
+        timed = [_Bounds(leap, timing) for timing in range(len(leap.timings_s))]
+        bounds = np.array([timed[timing].parts(row).least(of) for timing, of, row in leaves])
+    except (InvalidInput, _Refused) as error:
         return proof_report(certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
     weakest = int(bounds.argmin())
     bound = float(bounds[weakest])
@@ -70,7 +69,8 @@ class Refuter:
     """
 
     def __init__(self, leap: Leap) -> None:
-        self._leap, self._timings = leap, dict[int, _Bounds]()
+        self._leap = leap
+        self._timing = cache(partial(_Bounds, leap))
         self._parts: dict[tuple[int, bytes], _Parts] = {}
 
     def bounds(self, timing: int, row: Array, choices: NDArray[np.int_]) -> Array:
@@ -93,14 +93,11 @@ class Refuter:
             parts = self._weighed(timing, row / max(float(np.abs(row).max(initial=0.0)), 1e-300))
         except _Refused:
             return nothing
-        parts_bounds = parts.bounds
         there = ((choices >= 0) & (choices < options)).all(axis=1)
-        values = {
-            (j, r): parts_bounds.candidate(parts, j, r) for j, r in sorted(_pairs(choices[there]))
-        }
+        value = cache(partial(parts.bounds.candidate, parts))
         for k in np.flatnonzero(there).tolist():
             nothing[k] = parts.constant + sum(
-                values[pair] for pair in enumerate(choices[k].tolist())
+                value(j, r) for j, r in enumerate(choices[k].tolist())
             )
         return nothing
 
@@ -108,15 +105,8 @@ class Refuter:
         """Weights of a row of multipliers, worked out once."""
         key = (timing, row.tobytes())
         if key not in self._parts:
-            if timing not in self._timings:
-                self._timings[timing] = _Bounds(self._leap, timing)
-            self._parts[key] = self._timings[timing].parts(row)
+            self._parts[key] = self._timing(timing).parts(row)
         return self._parts[key]
-
-
-def _pairs(choices: NDArray[np.int_]) -> set[tuple[int, int]]:
-    """(foothold, candidate) of all choices."""
-    return {pair for choice in choices.tolist() for pair in enumerate(choice)}
 
 
 def explain_leap(certificate: Certificate) -> Explanation:
@@ -126,37 +116,36 @@ def explain_leap(certificate: Certificate) -> Explanation:
     Returns these growths, the smallest relative one first, and the first of them in one line; a
     certificate that is not accepted explains nothing.
     """
-    leap, report = _leap(certificate), check_leap_certificate(certificate)
+    leap, report = certificate.refuted, check_leap_certificate(certificate)
+    assert isinstance(leap, Leap)
     if not report.accepted:
         return Explanation(
             relaxations=(), message=f"not explained: the certificate is {report.message}"
         )
-    timings = {timing: _Bounds(leap, timing) for timing in range(len(leap.timings_s))}
-    leaves = [
-        (timings[timing].parts(row), opened) for timing, opened, row in _replayed(leap, certificate)
-    ]
-    relaxations = []
-    for j, foothold in enumerate(leap.footholds):
-        now = max(patch.friction for patch in foothold.candidates)
-        needed = min(parts.grip_needed(opened, j) for parts, opened in leaves)
-        place = f"friction under {foothold.limb} in phase {foothold.frame}"
-        if needed > now:
-            relaxations.append(
-                Relaxation(parameter=place, leg=foothold.limb, now=now, needed=needed, unit="")
-            )
-    for i, limb in enumerate(leap.robot.limbs):
-        more = min(parts.reach_needed(opened, i) for parts, opened in leaves)
-        now = limb.reach_m
-        relaxations.append(
-            Relaxation(
-                parameter=f"reach of {limb.name}",
-                leg=limb.name,
-                now=now,
-                needed=now + more,
-                unit="m",
-            )
+    timed = [_Bounds(leap, timing) for timing in range(len(leap.timings_s))]
+    leaves = [(timed[timing].parts(row), of) for timing, of, row in _replayed(leap, certificate)]
+    frictions = [
+        Relaxation(
+            parameter=f"friction under {foothold.limb} in phase {foothold.frame}",
+            leg=foothold.limb,
+            now=max(patch.friction for patch in foothold.candidates),
+            needed=min(parts.grip_needed(opened, j) for parts, opened in leaves),
+            unit="",
         )
-    relaxations.sort(key=lambda one: one.relative)
+        for j, foothold in enumerate(leap.footholds)
+    ]
+    reaches = [
+        Relaxation(
+            parameter=f"reach of {limb.name}",
+            leg=limb.name,
+            now=limb.reach_m,
+            needed=limb.reach_m + min(parts.reach_needed(opened, i) for parts, opened in leaves),
+            unit="m",
+        )
+        for i, limb in enumerate(leap.robot.limbs)
+    ]
+    helpful = [each for each in frictions if each.needed > each.now]
+    relaxations = sorted([*helpful, *reaches], key=lambda one: one.relative)
     best = relaxations[0]
     if not math.isfinite(best.needed):
         message = "infeasible: no friction and no reach of a single toe would do"
@@ -172,62 +161,51 @@ def explain_leap(certificate: Certificate) -> Explanation:
     return Explanation(relaxations=tuple(relaxations), message=message)
 
 
-def _leap(certificate: Certificate) -> Leap:
-    """The leap that a certificate is of.
-
-    Raises InvalidInput for one of anything else.
-    """
-    leap = certificate.refuted
-    if not isinstance(leap, Leap):
-        raise InvalidInput(
-            f"certificate: expected one of a leap, got one of a {type(leap).__name__}"
-        )
-    return leap
-
-
 class _Refused(Exception):
     """Why a certificate is none."""
+
+
+def _expect(holds: object, what: str) -> None:
+    """Raise _Refused, which says what was expected, where it does not hold."""
+    if not holds:
+        raise _Refused(f"expected {what}")
+
+
+_Open = tuple[list[int], list[list[int]]]
+"""Timings, and candidates by foothold, that are open."""
 
 
 def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list[int]], Array]]:
     """(timing, open candidates by foothold, multipliers) of every leaf of a tree, in preorder."""
     tree, rows = certificate.tree, certificate.multipliers
-    if tree.ndim != 2 or tree.shape[1] != 5 or not len(tree) or rows.ndim != 2:
-        raise _Refused("expected a tree of rows of five numbers, and a row of multipliers per leaf")
-    if not np.isfinite(tree).all() or not np.isfinite(rows).all():
-        raise _Refused("expected finite numbers, got other values")
+    shaped = tree.shape[1:] == (5,) and len(tree) and rows.ndim == 2
+    _expect(shaped, "a tree of rows of five numbers, and a row of multipliers per leaf")
+    finite = np.isfinite(tree).all() and np.isfinite(rows).all()
+    _expect(finite, "finite numbers, got other values")
     whole = [list(range(len(foothold.candidates))) for foothold in leap.footholds]
-    stack = [(list(range(len(leap.timings_s))), whole)]
-    leaves: list[tuple[int, list[list[int]], Array]] = []
-    for kind, first, second, *_ in tree.tolist():
-        if not stack:
-            raise _Refused("expected a tree, got rows after its last leaf")
-        timings, opened = stack.pop()
-        if kind == 0.0:
-            if len(timings) != 1:
-                raise _Refused("expected one timing at a leaf")
-            if len(leaves) >= len(rows):
-                raise _Refused(f"expected a row of multipliers per leaf, got {len(rows)}")
-            leaves.append((timings[0], opened, rows[len(leaves)]))
-        elif kind == 4.0 and first in timings and len(timings) > 1:
-            stack.append(([t for t in timings if t != first], opened))
-            stack.append(([int(first)], opened))
-        elif kind == 1.0 and first in range(len(opened)) and second in opened[int(first)]:
+
+    def children(
+        node: _Open, _: str, kind: float, first: float, second: float, *__: float
+    ) -> list[_Open]:
+        timings, opened = node
+        if kind == 4.0 and first in timings and len(timings) > 1:
+            others = [timing for timing in timings if timing != first]
+            return [(others, opened), ([int(first)], opened)]
+        if kind == 1.0 and first in range(len(opened)) and second in opened[int(first)]:
             j, r = int(first), int(second)
             on, off = [list(options) for options in opened], [list(options) for options in opened]
             on[j] = [r]
             off[j].remove(r)
-            stack.append((timings, off))
-            stack.append((timings, on))
-        else:
-            raise _Refused(
-                f"expected a leaf, a timing or an open candidate, got node {[kind, first, second]}"
-            )
-    if stack:
-        raise _Refused("expected a leaf at every end of the tree")
-    if len(leaves) != len(rows):
-        raise _Refused(f"expected {len(leaves)} rows of multipliers, one per leaf, got {len(rows)}")
-    return leaves
+            return [(timings, off), (timings, on)]
+        raise _Refused(
+            f"expected a leaf, a timing or an open candidate, got node {[kind, first, second]}"
+        )
+
+    leaves = list(leaves_of(tree, (list(range(len(leap.timings_s))), whole), children))
+    _expect(all(len(timings) == 1 for timings, _ in leaves), "one timing at a leaf")
+    many = f"{len(leaves)} rows of multipliers, one per leaf, got {len(rows)}"
+    _expect(len(leaves) == len(rows), many)
+    return [(timings[0], opened, row) for (timings, opened), row in zip(leaves, rows, strict=True)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,13 +281,12 @@ class _Bounds:
         limbs, tilt = self.leap.robot.limbs, self.leap.limits.tilt_rad
         bend, rows = 1.5 * tilt**2, list[int]()
         normals, bounds = [np.zeros((0, 3))], [np.zeros(0)]
-        for at, number in enumerate(self.limb.tolist()):
-            limb = limbs[number]
+        for at, limb in enumerate(limbs[number] for number in self.limb.tolist()):
             if (spaces := limb.reach_rows) is not None:
                 rows += [at] * len(spaces.bounds_m)
                 normals.append(spaces.normals)
-                reach = limb.reach_m + tilt * float(_most_turned(limb.shoulder_m))
-                room = tilt * _most_turned(spaces.normals) * reach
+                reach = limb.reach_m + tilt * float(most_turned(limb.shoulder_m))
+                room = tilt * most_turned(spaces.normals) * reach
                 room += bend * (float(length(limb.shoulder_m)) + reach)
                 bounds.append(spaces.bounds_m + room)
         self.row = np.array(rows, dtype=np.intp)
@@ -323,8 +300,9 @@ class _Bounds:
 
         Raises _Refused for a row of another length.
         """
-        if len(row) != sum(self.sizes):
-            raise _Refused(f"expected {sum(self.sizes)} multipliers per leaf, got {len(row)}")
+        _expect(
+            len(row) == sum(self.sizes), f"{sum(self.sizes)} multipliers per leaf, got {len(row)}"
+        )
         reach, spaces, height, goal, end, rest, moment = np.split(row, np.cumsum(self.sizes)[:-1])
         reach, rest, moment = (part.reshape(-1, 3) for part in (reach, rest, moment))
         spaces, height = np.maximum(spaces, 0.0), np.maximum(height, 0.0)
@@ -376,9 +354,3 @@ class _Bounds:
         shear = length(slope - normal[..., None] * patch.normal)
         work = self.most[k, limb] @ np.minimum(normal - friction * shear, 0.0)
         return float((corners @ parts.toes[j] + work).min())
-
-
-def _most_turned(vectors: Array) -> Array:
-    """The largest ‖Θ × x‖ over |Θ_i| ≤ 1, shape (…, 3) to (…)."""
-    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
-    return np.asarray(length(cross(signs, vectors[..., None, :])).max(axis=-1))

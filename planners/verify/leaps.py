@@ -9,7 +9,7 @@ are exact here, R = exp([Θ]×), in reach, length and speed of legs.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -19,14 +19,14 @@ from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan, patche
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
 from .bodies import MovingBodyMeasurements, looked_at, nothing
-from .geometry import cross, exact_and_linear, length
-from .postures import violation
+from .geometry import exact_and_linear, length
+from .postures import Worst, violation
 from .trajectory_measurements import arrays_defect, as_far_as_known, worst_group
 
 _BODY_UNITS = {
@@ -140,62 +140,33 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
             bodies: judge them, too.
             obstacles: what they keep out of; the surfaces that are taken unless others are given.
         """
-        feet, joints, times = self.feet, self.kinematics.joints, self.times_s
-        off, left = self.off_toes(), self.dips()
-        legs = [self.feet[leg] for leg in self.kinematics.legs]
-        speed, model = self.speed(), self.kinematics.model
-        yield as_far_as_known(
-            _group("joints", off, feet, times, JOINTS_M, feet), "; ".join(model.limit_doubts)
+        feet, joints, times, model = (
+            self.feet,
+            self.kinematics.joints,
+            self.times_s,
+            self.kinematics.model,
         )
-        fast = _group(
-            "joint_speed",
-            np.where(self._limited, speed, 0.0),
-            joints,
-            times[1:],
-            JOINT_SPEED,
-            legs,
-        )
-        torque = _group("torque", self.line, joints, times[1:-1], TORQUE, legs)
+        legs, (left, lands) = [feet[leg] for leg in self.kinematics.legs], self.dips()
         slow = [name for name, there in zip(joints, self._limited, strict=True) if not there]
         unlimited = f"no velocity limit of {', '.join(slow)}" if slow else ""
-        yield as_far_as_known(fast, unlimited)
-        yield as_far_as_known(
-            torque, "; ".join(filter(None, (unlimited, *model.lines_of(model.torque_doubts))))
-        )
-        yield _group(
-            "legs_turn",
-            np.abs(self.turned),
-            ("x", "y", "z"),
-            self.leap_body.plan.times_s,
-            LEGS_TURN_RAD,
-        )
-        yield _group("take_off", left[0], feet, times, DIP_M, feet)
-        yield _group("landing", left[1], feet, times, DIP_M, feet)
+        weak = "; ".join(filter(None, (unlimited, *model.lines_of(model.torque_doubts))))
+        speed = np.where(self._limited, self.speed(), 0.0)
+        turned, ends = np.abs(self.turned), self.leap_body.plan.times_s
+        unsure = "; ".join(model.limit_doubts)
+        for name, values, limit, names, times_s, limbs, why in (
+            ("joints", self.off_toes(), JOINTS_M, feet, times, feet, unsure),
+            ("joint_speed", speed, JOINT_SPEED, joints, times[1:], legs, unlimited),
+            ("torque", self.line, TORQUE, joints, times[1:-1], legs, weak),
+            ("legs_turn", turned, LEGS_TURN_RAD, ("x", "y", "z"), ends, (), ""),
+            ("take_off", left, DIP_M, feet, times, feet, ""),
+            ("landing", lands, DIP_M, feet, times, feet, ""),
+        ):
+            unit = _BODY_UNITS[name]
+            group = worst_group(name, values, limit, unit, names, times_s, limbs=limbs)
+            yield as_far_as_known(group, why)
         if bodies:
             around = obstacles or Obstacles.of(patches_of(self.leap_body.plan))
             yield looked_at("bodies", lambda: self.bodies("bodies", around))
-
-
-def _group(
-    name: str,
-    values: Array,
-    names: Sequence[str],
-    times_s: Array,
-    limit: float,
-    limbs: Sequence[str] = (),
-) -> Group:
-    """The worst of what was measured."""
-    return worst_group(name, values, limit, _BODY_UNITS[name], names, times_s, limbs=limbs)
-
-
-def _body_groups(plan: LeapPlan) -> tuple[Group, ...]:
-    """The groups of a leap's whole body; none is checked where the robot's legs are not known, or
-    without pinocchio.
-    """
-    try:
-        return tuple(LeapBodyMeasurements(body_of(plan)).groups())
-    except InvalidInput as error:
-        return tuple(nothing(str(error), _BODY_UNITS))
 
 
 def with_body(report: Report[LeapPlan]) -> Report[LeapPlan]:
@@ -203,7 +174,11 @@ def with_body(report: Report[LeapPlan]) -> Report[LeapPlan]:
     if report.defect:
         return report
     others = tuple(group for group in report.groups if group.name not in LEAP_BODY)
-    return replace(report, groups=(*others, *_body_groups(report.answer)))
+    try:
+        body = list(LeapBodyMeasurements(body_of(report.answer)).groups())
+    except InvalidInput as error:  # legs that nobody knows, or no pinocchio
+        body = nothing(str(error), _BODY_UNITS)
+    return replace(report, groups=(*others, *body))
 
 
 _INSTANTS = 17
@@ -246,21 +221,16 @@ def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
     Returns:
         A report; a bad plan is refused in it, and not raised.
     """
-    defect = _defect(plan)
-    if defect:
+    if defect := _defect(plan):
         broken = (
             violation(name, math.inf, 1.0, _TOLERANCE, unit=unit)
             for name, (unit, _) in _UNITS.items()
         )
         return Report(groups=tuple(broken), answer=plan, tolerance=_TOLERANCE, defect=defect)
-
-    judge = _Judge(plan)
-    has_legs = plan.problem.robot.own
+    judge, has_legs = _Judge(plan), plan.problem.robot.own
+    left_out = nothing("not asked for" if has_legs else _UNJUDGED, _BODY_UNITS)
     report = Report(
-        groups=(
-            *judge.groups(),
-            *nothing("not asked for" if has_legs else _UNJUDGED, _BODY_UNITS),
-        ),
+        groups=(*judge.groups(), *left_out),
         answer=plan,
         tolerance=_TOLERANCE,
         figures={"momentum_error": judge.momentum_error},
@@ -275,12 +245,9 @@ def _defect(plan: LeapPlan) -> str:
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
     if defect := arrays_defect(plan, plan.shapes(leap), plan.LATER, 1e9):
         return defect
-    if plan.gather is not None and not np.all(
-        (plan.gather >= LEAST_GATHER) & (plan.gather <= MOST_GATHER)
-    ):
-        return (
-            f"gather: expected shares of 0.05 to 0.49 and of 0.1 to 1, got {plan.gather.tolist()}"
-        )
+    gather = LEAST_GATHER if plan.gather is None else plan.gather
+    if not np.all((gather >= LEAST_GATHER) & (gather <= MOST_GATHER)):
+        return f"gather: expected shares of 0.05 to 0.49 and of 0.1 to 1, got {gather.tolist()}"
     if plan.legs_turn_rad is not None and not leap.robot.own:
         return (
             "legs_turn_rad: expected none of a robot that has limbs alone, whose legs weigh nothing"
@@ -309,21 +276,15 @@ class _Judge:
         self.toes = plan.toes_m[self.holds[self.k, self.i]]
         self.paths, self.last = self._paths(), len(self.holds) - 1
         self.states = np.concatenate([self.paths[:, 0], self.paths[-1:, -1]])
-        self.found = {
-            name: violation(name, 0.0, scale, _TOLERANCE, unit=unit)
-            for name, (unit, scale) in _UNITS.items()
-        }
+        self.worst = Worst(_UNITS, robot.limb_names, _TOLERANCE)
 
     def groups(self) -> tuple[Group, ...]:
         """The worst of every group."""
-        self._ends()
-        self._claims()
-        self._forces()
-        self._body()
-        self._limbs()
+        for measure in (self._ends, self._claims, self._forces, self._body, self._limbs):
+            measure()
         for j in range(len(self.leap.footholds)):
             self._toe(j)
-        return tuple(self.found.values())
+        return tuple(self.worst.groups.values())
 
     @property
     def momentum_error(self) -> float:
@@ -353,67 +314,31 @@ class _Judge:
             com, speed, momentum, turn = paths[k, -1]
         return paths
 
-    def _note(
-        self,
-        group: str,
-        by: Array | float,
-        when: NDArray[np.int_] | int,
-        limbs: NDArray[np.int_] | None = None,
-        scale: float = 0.0,
-    ) -> None:
-        """Keep the worst of R violations.
-
-        Arguments:
-            by: shape (R, …); what is no number is a violation without bound.
-            when, limbs: the interval, and the limb, of each, shape (R,).
-        """
-        when = np.atleast_1d(when)
-        if not len(when):
-            return
-        values = np.reshape(by, (len(when), -1)).max(axis=1)
-        values = np.where(np.isfinite(values), values, np.inf)
-        row = int(values.argmax())
-        limb = "" if limbs is None else self.leap.robot.limb_names[limbs[row]]
-        unit, usual = _UNITS[group]
-        worst = violation(
-            group,
-            float(values[row]),
-            scale or usual,
-            _TOLERANCE,
-            unit=unit,
-            limb=limb,
-            when=int(when[row]),
-        )
-        if worst.worst > self.found[group].worst:
-            self.found[group] = worst
-
     def _ends(self) -> None:
         """Start, goal and rest."""
-        leap, limit, (com, speed, momentum, turn) = (
-            self.leap,
-            self.limits.momentum_m2_s,
-            self.states[-1],
-        )
+        leap, limit = self.leap, self.limits.momentum_m2_s
+        com, speed, momentum, turn = self.states[-1]
         away = float(np.linalg.norm(com - leap.goal.com_m)) - leap.goal_radius_m
-        self._note("goal", away, self.last)
-        self._note("rest", np.abs(speed - leap.goal.velocity_m_s), self.last)
-        self._note("momentum", np.abs(momentum - leap.goal.momentum_m2_s), self.last, scale=limit)
-        self._note("tilt", np.abs(turn) - self.limits.goal_tilt_rad, self.last)
-        for still, k in zip(leap.still, (0, self.last), strict=True):
-            if still:
-                self._note("rest", np.abs(self.paths[k, :, 1]), k)
-                self._note("momentum", np.abs(self.paths[k, :, 2]), k, scale=limit)
+        self.worst.note("goal", away, self.last)
+        self.worst.note("rest", np.abs(speed - leap.goal.velocity_m_s), self.last)
+        self.worst.note(
+            "momentum", np.abs(momentum - leap.goal.momentum_m2_s), self.last, scale=limit
+        )
+        self.worst.note("tilt", np.abs(turn) - self.limits.goal_tilt_rad, self.last)
+        for k in np.array([0, self.last])[list(leap.still)].tolist():
+            self.worst.note("rest", np.abs(self.paths[k, :, 1]), k)
+            self.worst.note("momentum", np.abs(self.paths[k, :, 2]), k, scale=limit)
 
     def _claims(self) -> None:
         """Check the plan's c, v, L and Θ at the ends of intervals."""
         plan, at = self.plan, np.minimum(np.arange(self.last + 2), self.last)
         says = (plan.com_m, plan.velocity_m_s, plan.momentum_m2_s, plan.rotation_rad)
         away = np.abs(np.stack(says, axis=1) - self.states)
-        self._note("motion", away[:, 0], at)
-        self._note("rest", away[:, 1], at)
-        self._note("momentum_balance", away[:, 2], at, scale=self.limits.momentum_m2_s)
-        self._note("rotation", away[:, 3], at)
-        self._note("start", away[0], 0)
+        self.worst.note("motion", away[:, 0], at)
+        self.worst.note("rest", away[:, 1], at)
+        self.worst.note("momentum_balance", away[:, 2], at, scale=self.limits.momentum_m2_s)
+        self.worst.note("rotation", away[:, 3], at)
+        self.worst.note("start", away[0], 0)
 
     def _forces(self) -> None:
         """Cones and limits of the limbs that stand, nothing at the others; a limb presses less in
@@ -421,22 +346,22 @@ class _Judge:
         """
         leap, weight, k, i = self.leap, self.leap.weight_n, self.k, self.i
         when, limb = np.nonzero(self.holds < 0)
-        self._note("idle_force", length(self.plan.forces_n[when, limb]), when, limb, weight)
+        self.worst.note("idle_force", length(self.plan.forces_n[when, limb]), when, limb, weight)
         patches = [leap.patch(j, self.plan.choice) for j in self.holds[k, i].tolist()]
         normals = np.array([patch.normal for patch in patches]).reshape(-1, 3)
         friction, forces = np.array([patch.friction for patch in patches]), self.plan.forces_n[k, i]
         press = np.vecdot(forces, normals)
         shear = length(forces - press[:, None] * normals)
-        self._note("friction", shear - friction * np.maximum(press, 0.0), k, i, weight)
+        self.worst.note("friction", shear - friction * np.maximum(press, 0.0), k, i, weight)
         air = np.pad(self.holds < 0, ((1, 1), (0, 0)))
         most = weight * self.limits.most(air[k, i], air[k + 2, i])
-        self._note("force_bounds", np.maximum(-press, press - most), k, i, weight)
+        self.worst.note("force_bounds", np.maximum(-press, press - most), k, i, weight)
 
     def _body(self) -> None:
         """Tilt at all instants, L at the end of the interval."""
         limit, each = self.limits.momentum_m2_s, np.arange(self.last + 1)
-        self._note("tilt", np.abs(self.paths[:, :, 3]) - self.limits.tilt_rad, each)
-        self._note("momentum", np.abs(self.paths[:, -1, 2]) - limit, each, scale=limit)
+        self.worst.note("tilt", np.abs(self.paths[:, :, 3]) - self.limits.tilt_rad, each)
+        self.worst.note("momentum", np.abs(self.paths[:, -1, 2]) - limit, each, scale=limit)
 
     def _limbs(self) -> None:
         """Reach, height, length, speed and power of limbs that stand, at all instants."""
@@ -456,18 +381,18 @@ class _Judge:
         com, speed, momentum, turn = np.moveaxis(self.paths[k], 2, 0)
         to_toe = self.toes[:, None] - com
         away = length(to_toe - exact_and_linear(turn, shoulders)[0])
-        self._note("reach", away - reach, k, i)
+        self.worst.note("reach", away - reach, k, i)
         arms = exact_and_linear(-turn, to_toe)[0]
         for number, limb in enumerate(limbs):
             if limb.reach_rows is not None:
                 mine, rows = i == number, limb.reach_rows
                 beyond = arms[mine] @ rows.normals.T - rows.bounds_m
-                self._note("reach", beyond, k[mine], i[mine])
-        self._note("height", self.limits.height_m - com[..., 2] + self.toes[:, 2:], k, i)
+                self.worst.note("reach", beyond, k[mine], i[mine])
+        self.worst.note("height", self.limits.height_m - com[..., 2] + self.toes[:, 2:], k, i)
         arm = exact_and_linear(turn, hips)[0]
         hip = arm - to_toe
         long, moves = length(hip), speed + cross(momentum @ self.spin.T, arm)
-        self._note("fold", fold - long, k, i)
+        self.worst.note("fold", fold - long, k, i)
         rate = np.abs(np.vecdot(hip, moves)) / np.maximum(long, 1e-9)
         power = np.abs(np.vecdot(moves, self.plan.forces_n[k, i][:, None]))
         for name, used, most, scale in (
@@ -475,7 +400,7 @@ class _Judge:
             ("power", power, strongest, leap.weight_n),
         ):
             known = most[:, 0] < math.inf
-            self._note(name, (used - most)[known], k[known], i[known], scale)
+            self.worst.note(name, (used - most)[known], k[known], i[known], scale)
 
     def _toe(self, j: int) -> None:
         """A toe on its patch, or where it stands already."""
@@ -484,7 +409,7 @@ class _Judge:
         first = int(np.flatnonzero(self.phase == foothold.frame)[0])
         limb = np.array([leap.robot.limb_names.index(foothold.limb)])
         if foothold.toe_m is not None:
-            self._note("patch", float(np.linalg.norm(toe - foothold.toe_m)), first, limb)
+            self.worst.note("patch", float(np.linalg.norm(toe - foothold.toe_m)), first, limb)
             return
         border = patch.vertices_m
         along = np.roll(border, -1, axis=0) - border
@@ -494,4 +419,4 @@ class _Judge:
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
         outside = np.sum(outward * (toe - border), axis=1).max()
         above = abs(float((toe - middle) @ patch.normal))
-        self._note("patch", max(float(outside), above), first, limb)
+        self.worst.note("patch", max(float(outside), above), first, limb)

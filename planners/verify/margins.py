@@ -119,30 +119,23 @@ def with_margins(report: Report[Plan]) -> Report[Plan]:
     group, plan = margin_group(report.answer), report.answer
     others = tuple(each for each in report.groups if each.name != group.name)
     at, posture = group.figures, plan.problem.is_posture
-    every, *frames = (
-        ("it", "", "", "")
-        if posture
-        else ("every stance", *(f"frame {at[f'{name}_frame']}" for name in _LEAST))
+    every = "it" if posture else "every stance"
+    push, support, friction = (
+        "" if posture else f" (frame {at[f'{name}_frame']})"
+        for name in ("push", "support", "friction")
     )
-    push, support, friction = (f" ({frame})" if frame else "" for frame in frames)
-    pushed, inside = (
-        f"the push that {every} bears is not known{push}",
-        f"how far inside the centre of mass is is not known{support}",
-    )
+    pushed = f"the push that {every} bears is not known"
+    inside = "how far inside the centre of mass is is not known"
     if at["push_n"] is not None:
         share = at["push_n"] / plan.problem.weight_n
-        pushed = f"{every} bears a push of {at['push_n']:.3g} N, {share:.1%} of the weight{push}"
+        pushed = f"{every} bears a push of {at['push_n']:.3g} N, {share:.1%} of the weight"
     if at["support_m"] is not None:
-        inside = f"the centre of mass is {1e3 * at['support_m']:.0f} mm inside{support}"
+        inside = f"the centre of mass is {1e3 * at['support_m']:.0f} mm inside"
     remark = (
-        f"{pushed}; {inside}; {1.0 - at['friction_left']:.0%} of the friction would be "
+        f"{pushed}{push}; {inside}{support}; {1.0 - at['friction_left']:.0%} of the friction would be "
         f"enough{friction}"
     )
     return replace(report, groups=(*others, group), remark=remark if report.accepted else "")
-
-
-_LEAST = ("push", "support", "friction")
-"""What margins are least of, in the names of their frames."""
 
 
 def margin_group(plan: Plan, *, measured: bool = True) -> Group:

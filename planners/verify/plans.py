@@ -14,7 +14,7 @@ moment about the origin of the world linearly (``problem.wrench``). Cones, bound
 zero force), reach with the linearised rotation, tilt box and the interpolated ball about the
 nominal COM are convex. So every point between is a posture, too. Five of them are recomputed
 anyway. Half-spaces of reach are bilinear in Θ and c; their largest value on the way is worked out
-(``half_spaces.bowed``).
+(``geometry.bowed``).
 """
 
 from __future__ import annotations
@@ -27,32 +27,34 @@ import numpy as np
 
 from ..answer.plan import WHOLE_BODY, Plan, patches_of
 from ..answer.report import PLAN_GROUPS, Group, Report
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 from ..motion.path import touch_downs_m
 from ..problem.contact import LINEAR
 from ..terrain.patch import Certainty, Patch
 from ..terrain.polygon import half_planes
 from .bodies import further_groups
 from .geometry import (
+    beyond,
+    bowed,
     certainty_under,
     contact_frames,
     counts_of,
-    cross,
     exact_and_linear,
     length,
     off_sole,
     off_terrain,
     patch_distances,
+    reach_rows,
+    relative_rows,
     sole_points,
 )
-from .half_spaces import beyond, bowed, reach_rows, relative_rows
 from .margins import margin_group, with_margins
 from .postures import (
+    Worst,
     check_whole_body,
     plan_defect,
     posture_report,
     refused,
-    violation,
     worst_groups,
 )
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
@@ -84,7 +86,9 @@ def ground_group(plan: Plan) -> Group | None:
     for row, (p, certainty, from_edge) in enumerate(sure):
         key = certainty.covariance.tobytes(), certainty.about_m.tobytes()
         if key not in planes:
-            planes[key] = draws.standard_normal((_DRAWS, 3)) @ _root(certainty).T
+            values, vectors = np.linalg.eigh(certainty.covariance)
+            root = vectors * np.sqrt(np.maximum(values, 0.0))
+            planes[key] = draws.standard_normal((_DRAWS, 3)) @ root.T
         place, upward = plan.toes_m[p, :2], patches[p].normal[2]
         local = certainty.rough_m * draws.standard_normal(_DRAWS)
         off = upward * np.abs(planes[key] @ certainty.levers(place) + local)
@@ -130,12 +134,6 @@ def _from_border(patch: Patch, toe_m: Array) -> float:
     axes = patch.frame[:, 1:]
     normals, offsets = half_planes((patch.vertices_m - patch.centre_m) @ axes)
     return max(float((offsets - normals @ ((toe_m - patch.centre_m) @ axes)).min()), 0.0)
-
-
-def _root(certainty: Certainty) -> Array:
-    """A matrix whose square is the covariance, shape (3, 3)."""
-    values, vectors = np.linalg.eigh(certainty.covariance)
-    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
@@ -196,6 +194,9 @@ class _Sweep:
         self._reach = np.array([limb.reach_m for limb in plan.problem.robot.limbs])
         self._rows = reach_rows(plan.problem.robot.limbs)
         self._patches = patches_of(plan)
+        footholds = plan.problem.footholds
+        self._limb = np.array([self._names.index(foothold.limb) for foothold in footholds])
+        self._frame = np.array([foothold.frame for foothold in footholds])
         regions = [
             row[int(chosen)] for row, chosen in zip(plan.problem.regions, plan.choice, strict=True)
         ]
@@ -207,7 +208,8 @@ class _Sweep:
         length_m = min(plan.problem.unit_m, LARGEST_UNIT_M)
         force_n = min(plan.problem.force_n, plan.problem.weight_n)
         self._units = {"m": length_m, "N": force_n, "Nm": force_n * length_m, "rad": 1.0, "": 1.0}
-        self._found = {name: self._group(name, 0.0) for name in PLAN_GROUPS}
+        units = {name: (unit, self._units[unit]) for name, unit in PLAN_GROUPS.items()}
+        self._worst = Worst(units, self._names, tolerance)
 
     def _on_soles(self, regions: list[Patch]) -> None:
         """Forces are those at the points of soles, and these where yaw and centre put them, near to
@@ -238,17 +240,22 @@ class _Sweep:
         between = self._stances(ways, shares)
         self._bowed(ways)
         self._idle()
-        self._stands()
         self._steps()
+        off = off_terrain(self._course.terrain, self._patches, self._plan.toes_m)
+        self._worst.note("terrain", off, self._frame, self._limb)
         bent, exact_m = self._linearisation()
         ground = ground_group(self._plan)
-        groups = () if ground is None else (ground,)
         return Report(
-            groups=(*self._found.values(), *groups, *further_groups(self._plan), *body),
+            groups=(
+                *self._worst.groups.values(),
+                *(() if ground is None else (ground,)),
+                *further_groups(self._plan),
+                *body,
+            ),
             answer=self._plan,
             tolerance=self._tolerance,
             figures={
-                "residual_nm": self._found["moment_balance"].value,
+                "residual_nm": self._worst.groups["moment_balance"].value,
                 "between": between if shares else math.nan,
                 "linearisation_m": bent,
                 "exact_reach_m": exact_m,
@@ -268,34 +275,26 @@ class _Sweep:
         who, stances = self._who, len(self._who.frame)
         points = [(k, before, after, share) for k, before, after, _ in ways for share in shares]
         on_way = np.array(points, dtype=np.float64).reshape(-1, 4).T
+        limbs = [limbs for *_, limbs in ways for _ in shares]
+        carries = np.array([limb for each in limbs for limb in each], dtype=np.intp)
+        carried = np.repeat(stances + np.arange(len(limbs)), [len(each) for each in limbs])
+        nth, further = expanded(carries, self._points)
         row = np.arange(stances)
-        frame, before, after = (
+        frame, before, after, owner, limb, point = (
             np.concatenate([at, along.astype(np.intp)])
-            for at, along in zip((who.frame, row, row), on_way[:3], strict=True)
+            for at, along in (
+                *zip((who.frame, row, row), on_way[:3], strict=True),
+                (who.stance, carried[nth]),
+                (who.limb, carries[nth]),
+                (who.point, further),
+            )
         )
         share = np.concatenate([np.zeros(stances), on_way[3]])
-        limbs = [limbs for *_, limbs in ways for _ in shares]
-        owner = np.concatenate(
-            [
-                who.stance,
-                np.repeat(stances + np.arange(len(limbs)), [len(limb_name) for limb_name in limbs]),
-            ]
-        )
-        limb = np.concatenate(
-            [who.limb, np.array([i for limb_name in limbs for i in limb_name], dtype=np.intp)]
-        )
-        point = who.point
-        if self._points:
-            of_stances = len(who.limb)
-            nth, more = expanded(limb[of_stances:], self._points)
-            owner = np.concatenate([who.stance, owner[of_stances:][nth]])
-            limb, point = (
-                np.concatenate([who.limb, limb[of_stances:][nth]]),
-                np.concatenate([point, more]),
-            )
         at = self._measured(frame, share, owner, limb, point, (before, after))
         values = violations(at)
-        self._found |= worst_groups(at, values, frame, share, limb, self._names, self._tolerance)
+        self._worst.groups |= worst_groups(
+            at, values, frame, share, limb, self._names, self._tolerance
+        )
         return float(worst_of(at, values)[stances:].max()) if limbs else 0.0
 
     def _measured(
@@ -316,9 +315,7 @@ class _Sweep:
         axes = np.array([(patch.normal, patch.shear_reference) for patch in self._patches])
         friction = np.array([patch.friction for patch in self._patches])
         before, after = rows
-        start, end = (
-            self._forces[row[owner], limb, point if self._points else 0] for row in (before, after)
-        )
+        start, end = (self._forces[row[owner], limb, point] for row in (before, after))
         forces = (1.0 - t[owner]) * start + t[owner] * end
         each = np.ones(len(frame))
 
@@ -393,27 +390,27 @@ class _Sweep:
         for k in range(course.frames):
             for limbs in (limbs_left[k], limbs_left[k + 1]):
                 if carrying(k, limbs or everybody) < 0:
-                    self._note("schedule", np.array([math.inf]), np.array([k]))
+                    self._worst.note("schedule", np.array([math.inf]), np.array([k]))
         for k, limbs in enumerate(limbs_left[1:-1]):
             before, after = carrying(k, limbs), carrying(k + 1, limbs)
             if not limbs or min(before, after) < 0:
                 continue
             for i in limbs:
                 if holds[k, i] != holds[k + 1, i]:
-                    self._note("schedule", np.array([math.inf]), np.array([k + 1]), np.array([i]))
+                    self._worst.note(
+                        "schedule", np.array([math.inf]), np.array([k + 1]), np.array([i])
+                    )
             ways.append((k, before, after, limbs))
         return ways
 
     def _bowed(self, ways: list[tuple[int, int, int, list[int]]]) -> None:
         """Half-spaces of reach on the ways, which are not convex in the share of the way."""
-        for k, _, _, limbs in ways if self._rows is not None else []:
+        for k, _, _, limbs in ways:
             limb, ends, plan = np.array(limbs), slice(k, k + 2), self._plan
             legs = plan.toes_m[self._who.holds[k, limb]] - plan.com_m[ends, None]
-            rows = self._rows_of(limb)
-            assert rows is not None
-            self._note(
-                "reach", bowed(plan.rotation_rad[ends], legs, rows), np.full(len(limb), k), limb
-            )
+            if (rows := self._rows_of(limb)) is not None:
+                most = bowed(plan.rotation_rad[ends], legs, rows)
+                self._worst.note("reach", most, np.full(len(limb), k), limb)
 
     def _idle(self) -> None:
         """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and
@@ -427,33 +424,27 @@ class _Sweep:
         ]
         if stood:
             of = np.array([p for p, _ in stood])
-            limb = np.array([self._names.index(course.footholds[p].limb) for p in of])
             off = length(plan.toes_m[of] - np.array([toe for _, toe in stood]))
-            self._note("start", off, np.array([course.footholds[p].frame for p in of]), limb)
+            self._worst.note("start", off, self._frame[of], self._limb[of])
         bears = np.zeros(plan.forces_n.shape[:2], dtype=bool)
         bears[who.stance, who.limb] = True
         row, limb = np.nonzero(~bears)
-        self._note("idle_force", length(self._forces[row, limb]).max(axis=-1), who.frame[row], limb)
+        self._worst.note(
+            "idle_force", length(self._forces[row, limb]).max(axis=-1), who.frame[row], limb
+        )
         carries = np.zeros(who.holds.shape, dtype=bool)
         np.logical_or.at(carries, who.frame, bears)
         frame, limb = np.nonzero(~carries)
         toes, v = plan.toes_m[who.holds[frame, limb]], self._shoulders[limb]
         to_toe = toes - plan.com_m[frame] - v - cross(plan.rotation_rad[frame], v)
-        self._note("patch", self._off_patch[who.holds[frame, limb]], frame, limb)
+        self._worst.note("patch", self._off_patch[who.holds[frame, limb]], frame, limb)
         out = beyond(
             length(to_toe) - self._reach[limb],
             plan.rotation_rad[frame],
             toes - plan.com_m[frame],
             self._rows_of(limb),
         )
-        self._note("reach", out, frame, limb)
-
-    def _stands(self) -> None:
-        """Every foothold is a piece of the terrain, as rough and as steep as that."""
-        footholds = self._course.footholds
-        limb = np.array([self._names.index(each.limb) for each in footholds])
-        off = off_terrain(self._course.terrain, self._patches, self._plan.toes_m)
-        self._note("terrain", off, np.array([each.frame for each in footholds]), limb)
+        self._worst.note("reach", out, frame, limb)
 
     def _steps(self) -> None:
         """Steps and progress between neighbouring frames (E11)."""
@@ -461,37 +452,26 @@ class _Sweep:
         step, limits, later = np.diff(plan.com_m, axis=0), course.steps, np.arange(1, course.frames)
         if not len(later):
             return
-        self._note("com_step", length(step) - limits.com_m, later)
+        self._worst.note("com_step", length(step) - limits.com_m, later)
         turn = np.diff(plan.rotation_rad, axis=0)
-        self._note("rotation_step", length(turn) - limits.rotation_rad, later)
+        self._worst.note("rotation_step", length(turn) - limits.rotation_rad, later)
         for field, limit in limits.linear.items():
             name, unit, slopes = LINEAR[field]
             along = np.concatenate([step, turn], axis=1) @ np.array(slopes).T
-            self._found[name] = self._group(name, 0.0, unit=unit)
-            self._note(name, (along - limit).max(axis=1), later)
+            self._worst.add(name, unit, self._units[unit])
+            self._worst.note(name, (along - limit).max(axis=1), later)
         feet, normals, bounds = relative_rows(course.robot, holds)
         apart = np.vecdot(normals, plan.toes_m[feet[:, 1]] - plan.toes_m[feet[:, 0]]) - bounds
-        of = [course.footholds[p] for p in feet[:, 0]]
-        where = (
-            np.array([foothold.frame for foothold in of]),
-            np.array([self._names.index(foothold.limb) for foothold in of]),
-        )
-        self._note("relative_reach", apart, *where)
+        self._worst.note("relative_reach", apart, self._frame[feet[:, 0]], self._limb[feet[:, 0]])
         moved = plan.toes_m[holds[1:]] - plan.toes_m[holds[:-1]]
-        toes = length(moved)
-        limbs = np.arange(len(self._names))
-        self._note(
-            "toe_step",
-            toes.ravel() - limits.toe_m,
-            np.repeat(later, len(limbs)),
-            np.tile(limbs, len(later)),
-        )
+        row, limb = np.indices(holds[1:].shape).reshape(2, -1)
+        self._worst.note("toe_step", length(moved).ravel() - limits.toe_m, later[row], limb)
         self._least_steps(moved, turn, later)
         ahead = np.diff(course.com_nominal_m, axis=0)
         far = length(ahead)
         moving = far > 1e-9
         made = (step * ahead).sum(axis=1)[moving] / far[moving]
-        self._note("progress", limits.progress_m - made, later[moving])
+        self._worst.note("progress", limits.progress_m - made, later[moving])
 
     def _least_steps(self, toes: Array, turns: Array, later: Index) -> None:
         """Steps of toes that are put down anew, and of the rotation, are as long as they have to be
@@ -506,12 +486,14 @@ class _Sweep:
         step, limb = np.nonzero(holds[1:] != holds[:-1])
         if len(toe_sides):
             moved, least = toes[step, limb], course.steps.least_toe_m
-            self._found["least_toe_step"] = self._group("least_toe_step", 0.0, unit="m")
-            self._note("least_toe_step", self._short(moved, least, toe_sides), later[step], limb)
+            self._worst.add("least_toe_step", "m", self._units["m"])
+            self._worst.note(
+                "least_toe_step", self._short(moved, least, toe_sides), later[step], limb
+            )
         if len(turn_sides):
             least = course.steps.least_rotation_rad
-            self._found["least_rotation_step"] = self._group("least_rotation_step", 0.0, unit="rad")
-            self._note("least_rotation_step", self._short(turns, least, turn_sides), later)
+            self._worst.add("least_rotation_step", "rad", 1.0)
+            self._worst.note("least_rotation_step", self._short(turns, least, turn_sides), later)
 
     def _short(self, steps: Array, least: float, sides: Array) -> Array:
         """By how much steps are too short, or, on a course with sides, short of their half-spaces.
@@ -523,28 +505,6 @@ class _Sweep:
         if self._course.sides is None:
             return np.asarray(least - length(steps))
         return np.asarray(sides[:, 3] - np.vecdot(sides[:, :3], steps))
-
-    def _note(self, group: str, values: Array, frame: Index, limb: Index | None = None) -> None:
-        """Note the worst of some violations in SI; what is 0 or less is none, what is no number
-        is.
-        """
-        if not len(values):
-            return
-        at = int(values.argmax())
-        name = "" if limb is None else self._names[int(limb[at])]
-        unit = self._found[group].unit
-        group_found = self._group(group, float(values[at]), name, int(frame[at]), unit=unit)
-        if group_found.worst > self._found[group].worst:
-            self._found[group] = group_found
-
-    def _group(
-        self, name: str, value: float, limb: str = "", frame: int | None = None, *, unit: str = ""
-    ) -> Group:
-        """A group of what couples frames."""
-        unit = PLAN_GROUPS.get(name, unit)
-        return violation(
-            name, value, self._units[unit], self._tolerance, unit=unit, limb=limb, when=frame
-        )
 
     def _linearisation(self) -> tuple[float, float]:
         """Error with which I + [Θ]× places a shoulder, and distance of a toe out of reach with

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..answer.plan import NOBODY_CARRIES, WHOLE_BODY, Plan
 from ..answer.report import (
@@ -28,8 +29,7 @@ from ..files.arrays import LARGEST, Array
 from ..problem import Problem
 from ..robot.robot_file import Servo
 from .bodies import check_bodies
-from .geometry import counts_of, exact_and_linear, forces_defect, length
-from .half_spaces import row_counts
+from .geometry import counts_of, exact_and_linear, forces_defect, length, row_counts
 from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
 from .trajectory_measurements import arrays_defect
 
@@ -41,7 +41,6 @@ REACHED_M = 1e-5
 """A foot farther than this from its toe is not there."""
 LIMIT_RAD = 1e-6
 """Angles that a plan brings may be so far beyond a limit."""
-_Place = tuple[int, str]
 
 
 def check_whole_body(plan: Plan, *, deadline: float = math.inf) -> tuple[Group, ...]:
@@ -163,34 +162,30 @@ def joint_groups(
     most = np.minimum(solver.torque_nm, _torque_cap(plan))
     shares = torque / most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
-    place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
+    frame, limb = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
     tired = ""
     if (torque > most).any():
         tired = (
-            f"frame {place[0]}, limb {place[1]}: {torque[row, joint]:.3g} Nm in a joint, "
+            f"frame {frame}, limb {limb}: {torque[row, joint]:.3g} Nm in a joint, "
             f"where {solver.joints[joint]} has {most[joint]:g}"
         )
-    frame, limb = _where(error, course)
-    farthest, doubts = float(error.max()), solver.model.limit_doubts
+    away, doubts = _where(error, course), solver.model.limit_doubts
     shifts = [np.linalg.norm(solver.com_offset(q) - course.robot.origin_m) for q in angles]
     joints = Group(
         name="joints",
-        value=farthest,
+        value=float(error.max()),
         limit=REACHED_M,
         unit="m",
-        where=limb,
-        limb=limb,
-        when=frame,
+        where=away["limb"],
+        limb=away["limb"],
+        when=away["frame"],
         message=wrong or "; ".join(doubts),
         verdict="violated" if wrong else "not checked" if doubts else "holds",
         figures={
-            "error_m": farthest,
+            "error_m": float(error.max()),
             "limit_rad": float(limit.max()),
             "shift_m": float(max(shifts)),
-            "worst": {
-                "error": _place((frame, limb)),
-                "limit": _place(_where(limit, course)),
-            },
+            "worst": {"error": away, "limit": _where(limit, course)},
         },
     )
     unlimited = solver.model.lines_of(solver.model.torque_doubts)
@@ -203,15 +198,15 @@ def joint_groups(
             value=share,
             limit=1.0,
             unit="1",
-            where=place[1],
-            limb=place[1],
-            when=place[0],
+            where=limb,
+            limb=limb,
+            when=frame,
             message=tired or "; ".join(unlimited),
             verdict="violated" if tired else "not checked" if unlimited else "holds",
             figures={
                 "torque_nm": float(torque.max()),
                 "share": share,
-                "worst": _place(place),
+                "worst": {"frame": frame, "limb": limb},
             },
         ),
     )
@@ -246,9 +241,9 @@ def _postures(plan: Plan, solver: Kinematics) -> tuple[Array, Array, Array, str]
         ]
         error = np.array([np.linalg.norm(solver.feet(angles[k]) - feet[k], axis=1) for k in frames])
         error = np.maximum(error, _off_soles(plan, solver, angles))
-        limit = _by_leg(solver, solver.beyond(angles))
-    wrong = list[str]()
-    (far, limb), (bent, owner) = _where(error, course), _where(limit, course)
+        beyond, legs = solver.beyond(angles), range(len(course.robot.limbs))
+        limit = np.stack([beyond[:, solver.joints_of(i)].max(axis=1) for i in legs], axis=1)
+    wrong, place = list[str](), "frame {frame}, limb {limb}"
     if not error.max() <= REACHED_M:
         away = f"{1e3 * error.max():.3g} mm away from its toe"
         message = (
@@ -256,11 +251,10 @@ def _postures(plan: Plan, solver: Kinematics) -> tuple[Array, Array, Array, str]
             if plan.joints_rad is None
             else f"its foot is {away}"
         )
-        wrong.append(f"frame {far}, limb {limb}: {message}")
+        wrong.append(f"{place.format(**_where(error, course))}: {message}")
     if plan.joints_rad is not None and not limit.max() <= LIMIT_RAD:
-        wrong.append(
-            f"frame {bent}, limb {owner}: a joint is {limit.max():.3g} rad beyond its limit"
-        )
+        bent = place.format(**_where(limit, course))
+        wrong.append(f"{bent}: a joint is {limit.max():.3g} rad beyond its limit")
     return angles, error, limit, "; ".join(wrong)
 
 
@@ -282,20 +276,10 @@ def _off_soles(plan: Plan, solver: Kinematics, angles: Array) -> Array:
     return off
 
 
-def _by_leg(solver: Kinematics, values: Array) -> Array:
-    """The largest number of a limb's joints, shape (K, J) to (K, N)."""
-    return np.array(
-        [[row[solver.joints_of(i)].max() for i in range(len(solver.robot.limbs))] for row in values]
-    )
-
-
-def _where(table: Array, course: Problem) -> _Place:
+def _where(table: Array, course: Problem) -> dict[str, Any]:
+    """Frame and limb of the largest number, of shape (K, N)."""
     row, limb = np.unravel_index(int(np.argmax(table)), table.shape)
-    return int(row), course.robot.limb_names[int(limb)]
-
-
-def _place(at: _Place) -> dict[str, Any]:
-    return {"frame": at[0], "limb": at[1]}
+    return {"frame": int(row), "limb": course.robot.limb_names[int(limb)]}
 
 
 def plan_defect(plan: Plan) -> tuple[str, int, str]:
@@ -307,33 +291,27 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     """
     course = plan.problem
     most = float(np.finfo(np.float64).max) if course.is_posture else LARGEST
-    if defect := arrays_defect(plan, plan.shapes(course), plan.LATER, most):
-        return defect, -1, ""
-    for foothold, chosen in (
-        zip(course.footholds, plan.choice, strict=True) if plan.choice.any() else ()
-    ):
+    defect = arrays_defect(plan, plan.shapes(course), plan.LATER, most)
+    if defect or not plan.choice.any():
+        return defect or _points_defect(plan), -1, ""
+    for foothold, chosen in zip(course.footholds, plan.choice, strict=True):
         if not 0 <= chosen < len(foothold.candidates):
-            most = len(foothold.candidates) - 1
             return (
                 f"choice: frame {foothold.frame}, limb {foothold.limb}: expected a candidate from "
-                f"0 to {most}, got {chosen}",
+                f"0 to {len(foothold.candidates) - 1}, got {chosen}",
                 foothold.frame,
                 foothold.limb,
             )
-    if course.has_soles and plan.point_forces_n is not None:
-        return (
-            forces_defect(plan.forces_n, plan.point_forces_n, counts_of(course.robot.limbs)),
-            -1,
-            "",
-        )
     return _points_defect(plan), -1, ""
 
 
 def _points_defect(plan: Plan) -> str:
-    """Points of feet that are none: nothing would judge them."""
+    """Forces at the points of soles that do not add up; points of feet that have none."""
+    limbs = plan.problem.robot.limbs
+    if plan.problem.has_soles and plan.point_forces_n is not None:
+        return forces_defect(plan.forces_n, plan.point_forces_n, counts_of(limbs))
     for name in ("points_m", "point_forces_n"):
-        array = getattr(plan, name)
-        if array is not None:
+        if (array := getattr(plan, name)) is not None:  # nothing would judge them
             return f"{name}: expected none on point feet, got shape {array.shape}"
     return ""
 
@@ -481,6 +459,60 @@ def violation(
         scale=scale,
         verdict="holds" if holds else "violated",
     )
+
+
+class Worst:
+    """The worst violation of every group, which measurements note one after the other.
+
+    Arguments:
+        units: of each group, and the violation in it that counts as 1.
+        limbs: their names.
+        tolerance: as of ``violation``.
+    """
+
+    def __init__(
+        self, units: Mapping[str, tuple[str, float]], limbs: Sequence[str], tolerance: float
+    ) -> None:
+        self._limbs, self._tolerance = limbs, tolerance
+        self.groups = dict[str, Group]()
+        for name, (unit, scale) in units.items():
+            self.add(name, unit, scale)
+
+    def add(self, name: str, unit: str, scale: float) -> None:
+        """Add a group in which nothing is violated yet."""
+        self.groups[name] = violation(name, 0.0, scale, self._tolerance, unit=unit)
+
+    def note(
+        self,
+        group: str,
+        by: Array | float,
+        when: NDArray[np.int_] | int,
+        limbs: NDArray[np.int_] | None = None,
+        scale: float = 0.0,
+    ) -> None:
+        """Note the worst of R violations in SI; what is 0 or less is none.
+
+        Arguments:
+            by: shape (R, …); what is no number is a violation without bound.
+            when, limbs: frame or interval, and limb, of each, shape (R,).
+            scale: another violation that counts as 1, where it is not 0.
+        """
+        when, known = np.atleast_1d(when), self.groups[group]
+        if not len(when):
+            return
+        values = np.reshape(by, (len(when), -1)).max(axis=1)
+        row = int(values.argmax())
+        worst = violation(
+            group,
+            float(values[row]),
+            scale or known.scale or 1.0,
+            self._tolerance,
+            unit=known.unit,
+            limb="" if limbs is None else self._limbs[int(limbs[row])],
+            when=int(when[row]),
+        )
+        if worst.worst > known.worst:
+            self.groups[group] = worst
 
 
 def refused(

@@ -13,18 +13,20 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..answer.report import GROUPS
-from ..files.arrays import Array, cached_arrays, locked
+from ..files.arrays import Array, cached_arrays, cross, locked
 from ..problem import Contact, Problem
 from .geometry import (
+    beyond,
     contact_frames,
     counts_of,
-    cross,
     length,
     off_sole,
     patch_distances,
+    reach_rows,
+    relative_rows,
+    row_counts,
     sole_points,
 )
-from .half_spaces import beyond, reach_rows, relative_rows, row_counts
 
 LARGEST_UNIT_M = 1.0
 """Violations are measured in the problem's scales, but in no more than this length and the robot's
@@ -217,7 +219,7 @@ class Stances:
         problems = [posture.problem for posture in postures]
         contacts = [contact for problem in problems for contact in problem.contacts]
         owner = np.repeat(np.arange(len(problems)), [len(problem.contacts) for problem in problems])
-        body = np.array(
+        radius, tilt, weight, length_m, scale = np.array(
             [
                 (
                     p.com_radius_m[0],
@@ -229,7 +231,6 @@ class Stances:
                 for p in problems
             ]
         ).T
-        radius, tilt, weight, length_m, scale = body
         numbers = np.array([(contact.patch.friction, contact.reach_m) for contact in contacts])
         axes = np.array(
             [(contact.patch.normal, contact.patch.shear_reference) for contact in contacts]

@@ -9,8 +9,8 @@ alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import asdict, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -22,9 +22,9 @@ from ..physics import GRAVITY_M_S2
 from .bodies import nothing, whole_body
 from .trajectory_measurements import (
     GROUPS as GROUPS,
+    LIMITS as LIMITS,
     Flags,
     TrajectoryMeasurements,
-    WalkLimits as WalkLimits,
     arrays_defect,
     as_far_as_known,
     rms,
@@ -215,11 +215,10 @@ def _defect_of(trajectory: Trajectory, step_s: float) -> str:
 _TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
 _OVERFLOW = "the numbers overflow"
-__all__ = ["GROUPS", "WalkLimits", "check_trajectory", "with_body"]
 
 
 def check_trajectory(
-    trajectory: Trajectory, limits: WalkLimits = WalkLimits(), *, body: bool = True
+    trajectory: Trajectory, limits: Mapping[str, float] = LIMITS, *, body: bool = True
 ) -> Report[Trajectory]:
     """Check everything between the knots that a robot would have to live with; never raises for a
     bad trajectory.
@@ -229,7 +228,7 @@ def check_trajectory(
             the time.
     """
     with np.errstate(all="ignore"):
-        defect = _defect_of(trajectory, limits.step_s)
+        defect = _defect_of(trajectory, limits["step_s"])
         if defect:
             return _refused(trajectory, limits, defect)
         measured = TrajectoryMeasurements(trajectory)
@@ -240,13 +239,15 @@ def check_trajectory(
             groups=groups,
             answer=trajectory,
             tolerance=0.0,
-            figures=measured.figures(limits.cone),
-            limits=asdict(limits),
+            figures=measured.figures(limits["cone"]),
+            limits=dict(limits),
             remark=measured.footing(),
         )
 
 
-def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> Report[Trajectory]:
+def with_body(
+    report: Report[Trajectory], limits: Mapping[str, float] = LIMITS
+) -> Report[Trajectory]:
     """The report of ``check_trajectory`` with the robot's own body, from one without: the other
     groups stay.
 
@@ -263,7 +264,9 @@ def with_body(report: Report[Trajectory], limits: WalkLimits = WalkLimits()) -> 
     return replace(report, groups=tuple(groups.get(group.name, group) for group in report.groups))
 
 
-def _measured(walk: TrajectoryMeasurements, limits: WalkLimits, *, body: bool) -> tuple[Group, ...]:
+def _measured(
+    walk: TrajectoryMeasurements, limits: Mapping[str, float], *, body: bool
+) -> tuple[Group, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
     groups = whole_body(walk, limits) if body else nothing("not asked for")
     for measure in (_balances, _ends, _contacts, _whole):
@@ -286,7 +289,7 @@ def _unasked(trajectory: Trajectory) -> dict[str, str]:
     return reasons
 
 
-def _balances(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
+def _balances(walk: TrajectoryMeasurements, limits: Mapping[str, float]) -> tuple[Group, ...]:
     """Newton and Euler, and who could supply what they lack."""
     group, weight, moment = walk.group, walk.weight_n, walk.moment_scale_nm
     forces, moments, step_s = walk.force_residual, walk.moment_residual, walk.step_s
@@ -298,34 +301,36 @@ def _balances(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, 
 
     def window(name: str, residual: Array, scale: float) -> Group:
         """What a residual sums up to over any window."""
-        rate, most = (getattr(limits, f"{name}_{unit}") * scale for unit in ("rate", "s"))
+        rate, most = (limits[f"{name}_{unit}"] * scale for unit in ("rate", "s"))
         worst, begins = worst_window(residual, step_s, rate)
         return group(name, np.array([worst]), most, times_s=walk.times_s[[begins + 1]])
 
     return (
-        group("force_balance", sizes, limits.force_balance * weight, judged=rms(forces)),
-        group("force_peak", sizes, limits.force_peak * weight),
-        group("moment_balance", turns, limits.moment_balance * moment, judged=rms(moments)),
-        group("moment_peak", turns, limits.moment_peak * moment),
+        group("force_balance", sizes, limits["force_balance"] * weight, judged=rms(forces)),
+        group("force_peak", sizes, limits["force_peak"] * weight),
+        group("moment_balance", turns, limits["moment_balance"] * moment, judged=rms(moments)),
+        group("moment_peak", turns, limits["moment_peak"] * moment),
         window("impulse", forces, weight),
         window("angular_impulse", moments, moment),
         group(  # angular acceleration that the moments of the feet do not explain
             "angular_residual",
             np.linalg.norm(spun, axis=1),
-            limits.angular_residual * GRAVITY_M_S2 / walk.robot.stand_height_m,
+            limits["angular_residual"] * GRAVITY_M_S2 / walk.robot.stand_height_m,
         ),
-        group("traction", lacking, limits.traction * weight),
-        group("traction_impulse", impulse, limits.traction_impulse_s * weight),
+        group("traction", lacking, limits["traction"] * weight),
+        group("traction_impulse", impulse, limits["traction_impulse_s"] * weight),
         group(  # how far the centre of mass gets by it, as if all of it pushed one way
             "traction_way",
             np.cumsum(impulse / walk.robot.mass_kg) * step_s,
-            limits.traction_way_m,
+            limits["traction_way_m"],
         ),
-        group("traction_turn", np.cumsum(np.cumsum(turning)) * step_s**2, limits.traction_turn_rad),
+        group(
+            "traction_turn", np.cumsum(np.cumsum(turning)) * step_s**2, limits["traction_turn_rad"]
+        ),
     )
 
 
-def _ends(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
+def _ends(walk: TrajectoryMeasurements, limits: Mapping[str, float]) -> tuple[Group, ...]:
     """Where the torso begins and ends, its headings there, and rest where that is asked for."""
     trajectory, times_s, points = walk.trajectory, walk.times_s, walk.points
     starts, stops = trajectory.problem.still
@@ -346,29 +351,29 @@ def _ends(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]
     turning = np.linalg.norm(walk.spin[ends(0, 1)], axis=1) * walk.robot.stand_height_m
     speed[:, -1] = np.maximum(speed[:, -1], turning)
     felt = 2.0 * walk.acceleration[ends(0, 2)] - walk.acceleration[ends(1, 2)]  # on a line
-    felt, rest = np.linalg.norm(felt, axis=1), limits.rest_acceleration * GRAVITY_M_S2
+    felt, rest = np.linalg.norm(felt, axis=1), limits["rest_acceleration"] * GRAVITY_M_S2
     group, at_rest = walk.group, times_s[ends(0)]
     start, goal = (
         np.linalg.norm(trajectory.torso_m[[at], :2] - wanted, axis=1)
         for at, wanted in ((0, trajectory.problem.start), (-1, trajectory.problem.goal))
     )
     return (
-        group("start", start, limits.start_m, times_s=times_s[:1]),
-        group("goal", goal, limits.goal_m, times_s=times_s[-1:]),
-        group("heading", away, limits.heading_rad, times_s=times_s[[0, -1]]),
-        group("rest", speed, limits.rest_m_s, times_s=at_rest),
+        group("start", start, limits["start_m"], times_s=times_s[:1]),
+        group("goal", goal, limits["goal_m"], times_s=times_s[-1:]),
+        group("heading", away, limits["heading_rad"], times_s=times_s[[0, -1]]),
+        group("rest", speed, limits["rest_m_s"], times_s=at_rest),
         group("rest_acceleration", felt, rest, times_s=at_rest),
     )
 
 
-def _contacts(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
+def _contacts(walk: TrajectoryMeasurements, limits: Mapping[str, float]) -> tuple[Group, ...]:
     """Feet: what they press with, where they stand, and how they step."""
     trajectory, weight, step_s = walk.trajectory, walk.weight_n, walk.step_s
     contact, feet, heights = trajectory.contact, trajectory.feet_m, walk.ground[0]
     sizes = np.linalg.norm(trajectory.forces_n, axis=-1)
     ways = np.linalg.norm(np.diff(feet, axis=0), axis=-1)
     sticking = contact & trajectory.problem.adhesive & np.isfinite(walk.suction_n)
-    low, swings = contact | (heights < limits.contact_gap_m), _phases(~contact)
+    low, swings = contact | (heights < limits["contact_gap_m"]), _phases(~contact)
     whole_stances, whole_swings = (
         [phase for phase in phases if phase[1] > 0 and phase[2] < len(contact) - 1]
         for phases in (_phases(contact), swings)
@@ -389,38 +394,40 @@ def _contacts(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, 
 
     depth, when = _penetration_between(walk, float(ways.max()))
     return (
-        where("cone", walk.gripping, walk.beyond, limits.cone * weight),
-        where("suction", sticking, walk.beyond, limits.cone * weight),
-        where("force_foot", contact, sizes, limits.force_foot * weight),
-        where("swing_force", ~contact, sizes, limits.swing_force * weight),
-        where("contact_gap", contact, np.abs(heights), limits.contact_gap_m),
-        where("slip", contact, walk.slip(), limits.slip_m),
+        where("cone", walk.gripping, walk.beyond, limits["cone"] * weight),
+        where("suction", sticking, walk.beyond, limits["cone"] * weight),
+        where("force_foot", contact, sizes, limits["force_foot"] * weight),
+        where("swing_force", ~contact, sizes, limits["swing_force"] * weight),
+        where("contact_gap", contact, np.abs(heights), limits["contact_gap_m"]),
+        where("slip", contact, walk.slip(), limits["slip_m"]),
         # between two samples at both of which a foot stands, and at one of which
-        where("foot_velocity", contact[:-1] & contact[1:], ways / step_s, limits.foot_velocity_m_s),
-        where("touch_speed", contact[:-1] ^ contact[1:], ways / step_s, limits.touch_speed_m_s),
+        where(
+            "foot_velocity", contact[:-1] & contact[1:], ways / step_s, limits["foot_velocity_m_s"]
+        ),
+        where("touch_speed", contact[:-1] ^ contact[1:], ways / step_s, limits["touch_speed_m_s"]),
         each(  # too short by, from its first sample to the first one after it
             "stance_time",
             whole_stances,
-            (limits.least_stance_s - (b - a + 1) * step_s for _, a, b in whole_stances),
+            (limits["least_stance_s"] - (b - a + 1) * step_s for _, a, b in whole_stances),
             _TIME_S,
         ),
         each(  # too short by, between the samples at which the foot stands before and after it
             "swing_time",
             whole_swings,
-            (limits.least_swing_s - (b - a + 2) * step_s for _, a, b in whole_swings),
+            (limits["least_swing_s"] - (b - a + 2) * step_s for _, a, b in whole_swings),
             _TIME_S,
         ),
         each(  # the highest point of a swing, along the normal, is too low by
             "lift",
             swings,
-            (limits.least_lift_m - float(heights[a : b + 1, i].max()) for i, a, b in swings),
+            (limits["least_lift_m"] - float(heights[a : b + 1, i].max()) for i, a, b in swings),
             0.0,
         ),
         each(  # too near the ground in the middle half of the swing by
             "clearance",
             swings,
             (
-                limits.least_clearance_m - float(_middle(heights[:, i], a, b).min())
+                limits["least_clearance_m"] - float(_middle(heights[:, i], a, b).min())
                 for i, a, b in swings
             ),
             0.0,
@@ -429,34 +436,36 @@ def _contacts(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, 
             "drag",
             swings,
             (_dragged(feet[:, i], low[:, i], a, b) for i, a, b in swings),
-            limits.drag_m,
+            limits["drag_m"],
         ),
-        where("penetration", ~contact, -heights, limits.penetration_m),
-        walk.group("penetration_between", depth, limits.penetration_m, times_s=when),
-        walk.group("reach", walk.reach(), limits.reach_m),
+        where("penetration", ~contact, -heights, limits["penetration_m"]),
+        walk.group("penetration_between", depth, limits["penetration_m"], times_s=when),
+        walk.group("reach", walk.reach(), limits["reach_m"]),
     )
 
 
-def _whole(walk: TrajectoryMeasurements, limits: WalkLimits) -> tuple[Group, ...]:
+def _whole(walk: TrajectoryMeasurements, limits: Mapping[str, float]) -> tuple[Group, ...]:
     """The motion as one."""
     group, speeds = walk.group, np.linalg.norm(np.diff(walk.points, axis=0), axis=-1) / walk.step_s
     return (
-        group("rotation", walk.off_rotation(), limits.rotation),
-        group("domain", walk.domain(), limits.domain_m),
+        group("rotation", walk.off_rotation(), limits["rotation"]),
+        group("domain", walk.domain(), limits["domain_m"]),
         group(  # ‖x₋ − 2x + x₊‖
             "continuity",
             np.linalg.norm(np.diff(walk.points, 2, axis=0), axis=-1),
-            limits.continuity_m,
+            limits["continuity_m"],
         ),
-        group("foot_speed", speeds[:, :-1], limits.foot_speed_m_s),
-        group("torso_speed", speeds[:, -1], limits.torso_speed_m_s),
-        group("turn_rate", np.linalg.norm(walk.spin, axis=1), limits.turn_rate_rad_s),
-        group("trunk", walk.trunk(), limits.trunk_m),
+        group("foot_speed", speeds[:, :-1], limits["foot_speed_m_s"]),
+        group("torso_speed", speeds[:, -1], limits["torso_speed_m_s"]),
+        group("turn_rate", np.linalg.norm(walk.spin, axis=1), limits["turn_rate_rad_s"]),
+        group("trunk", walk.trunk(), limits["trunk_m"]),
     )
 
 
-def _refused(trajectory: Trajectory, limits: WalkLimits, defect: str) -> Report[Trajectory]:
+def _refused(
+    trajectory: Trajectory, limits: Mapping[str, float], defect: str
+) -> Report[Trajectory]:
     groups = tuple(Group(group, math.inf, 0.0, unit) for group, unit in GROUPS.items())
     return Report(
-        groups=groups, answer=trajectory, tolerance=0.0, limits=asdict(limits), defect=defect
+        groups=groups, answer=trajectory, tolerance=0.0, limits=dict(limits), defect=defect
     )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
 from typing import Any
 
@@ -22,7 +22,7 @@ from ..arguments import cached_property
 from ..files.arrays import LARGEST, Array
 from ..physics import GRAVITY_M_S2
 
-__all__ = ["GROUPS", "WHOLE_BODY", "WalkLimits"]
+__all__ = ["GROUPS", "LIMITS", "WHOLE_BODY"]
 
 GROUPS = {
     "rotation": "1",
@@ -74,83 +74,72 @@ GROUPS = {
 ``docs/reference/groups.md`` has their formulas."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class WalkLimits:
-    """Tolerances for a trajectory, the same for every chart; forces in units of m·g, moments of
-    m·g·stand height.
+LIMITS: Mapping[str, float] = {
+    "step_s": STEP_S,
+    "rotation": 1e-6,
+    "start_m": 5e-3,
+    "goal_m": 5e-3,
+    "domain_m": 0.0,
+    "continuity_m": 5e-3,
+    "foot_speed_m_s": 10.0,
+    "torso_speed_m_s": 3.0,
+    "turn_rate_rad_s": 6.0,
+    "force_balance": 0.05,
+    "force_peak": 0.4,
+    "moment_balance": 0.05,
+    "moment_peak": 0.3,
+    "impulse_s": 0.01,
+    "impulse_rate": 0.016,
+    "angular_impulse_s": 0.015,
+    "angular_impulse_rate": 2e-3,
+    "angular_residual": 1.0,
+    "traction": 0.04,
+    "traction_impulse_s": 2e-3,
+    "traction_way_m": 0.02,
+    "traction_turn_rad": 0.02,
+    "cone": 1e-3,
+    "force_foot": 2.0,
+    "swing_force": 1e-3,
+    "contact_gap_m": 1e-3,
+    "slip_m": 1e-3,
+    "foot_velocity_m_s": 0.01,
+    "touch_speed_m_s": 0.6,
+    "least_stance_s": 0.1,
+    "least_swing_s": 0.1,
+    "least_lift_m": 5e-3,
+    "least_clearance_m": 1e-3,
+    "drag_m": 0.12,
+    "penetration_m": 1e-3,
+    "reach_m": 3e-3,
+    "trunk_m": 0.0,
+    "heading_rad": 0.01,
+    "rest_m_s": 5e-3,
+    "rest_acceleration": 0.02,
+    "joints_m": 1e-4,
+    "joint_speed": 0.9,
+    "torque": 0.9,
+    "legs_moment": 0.05,
+    "bodies_m": 1e-4,
+}
+"""Tolerances for a trajectory, the same for every chart; forces in units of m·g, moments of
+m·g·stand height.
 
-    The two balances are judged by their root mean square over all samples, and by a wide limit on
-    the single sample.
+The two balances are judged by their root mean square over all samples, and by a wide limit on the
+single sample.
 
-    Arguments:
-        cone: how far the tangential force may exceed ν times the normal one; 1e-3 m·g on a foot
-            that carries half the weight is an error of .002 in ν, less than its uncertainty, and
-            ten times the optimiser's own tolerance.
-        continuity_m: ‖x₋ − 2x + x₊‖ of torso and feet; 5 mm at 5 ms is 200 m/s², a jump and no
-            swing.
-        slip_m: distance of a standing foot from where it came down.
-        trunk_m: depth of the trunk's box in the terrain.
-        impulse_s, impulse_rate: what a window may gather, and what more for each second of it
-            [m·g·s, m·g].
-        traction: of what cones cannot give.
-        traction_impulse_s: of the same over the whole walk [m·g·s].
-        traction_way_m, traction_turn_rad: how far it gets by that, and how far it turns by moments
-            that feet cannot give.
-        angular_residual, rest_acceleration: in units of g a stand height, and of g. least_…: what a
-            phase has at least.
-        joints_m: distance of a foot from its toe, with all joints within their limits.
-        joint_speed, torque: shares of what the robot's file gives a joint; the rest is what a
-            controller corrects by.
-        legs_moment: as moment_balance, of the whole robot, whose legs weigh something.
-        bodies_m: of one link in another, or in the ground; of the latter what is within 1 mm counts
-            as 0. ``docs/reference/groups.md`` has the limits.
-    """
-
-    step_s: float = STEP_S
-    rotation: float = 1e-6
-    start_m: float = 5e-3
-    goal_m: float = 5e-3
-    domain_m: float = 0.0
-    continuity_m: float = 5e-3
-    foot_speed_m_s: float = 10.0
-    torso_speed_m_s: float = 3.0
-    turn_rate_rad_s: float = 6.0
-    force_balance: float = 0.05
-    force_peak: float = 0.4
-    moment_balance: float = 0.05
-    moment_peak: float = 0.3
-    impulse_s: float = 0.01
-    impulse_rate: float = 0.016
-    angular_impulse_s: float = 0.015
-    angular_impulse_rate: float = 2e-3
-    angular_residual: float = 1.0
-    traction: float = 0.04
-    traction_impulse_s: float = 2e-3
-    traction_way_m: float = 0.02
-    traction_turn_rad: float = 0.02
-    cone: float = 1e-3
-    force_foot: float = 2.0
-    swing_force: float = 1e-3
-    contact_gap_m: float = 1e-3
-    slip_m: float = 1e-3
-    foot_velocity_m_s: float = 0.01
-    touch_speed_m_s: float = 0.6
-    least_stance_s: float = 0.1
-    least_swing_s: float = 0.1
-    least_lift_m: float = 5e-3
-    least_clearance_m: float = 1e-3
-    drag_m: float = 0.12
-    penetration_m: float = 1e-3
-    reach_m: float = 3e-3
-    trunk_m: float = 0.0
-    heading_rad: float = 0.01
-    rest_m_s: float = 5e-3
-    rest_acceleration: float = 0.02
-    joints_m: float = 1e-4
-    joint_speed: float = 0.9
-    torque: float = 0.9
-    legs_moment: float = 0.05
-    bodies_m: float = 1e-4
+cone: how far the tangential force may exceed ν times the normal one; 1e-3 m·g on a foot that
+carries half the weight is an error of .002 in ν, less than its uncertainty, and ten times the
+optimiser's own tolerance. continuity_m: ‖x₋ − 2x + x₊‖ of torso and feet; 5 mm at 5 ms is 200
+m/s², a jump and no swing. slip_m: distance of a standing foot from where it came down. trunk_m:
+depth of the trunk's box in the terrain. impulse_s, impulse_rate: what a window may gather, and what
+more for each second of it [m·g·s, m·g]. traction: of what cones cannot give. traction_impulse_s: of
+the same over the whole walk [m·g·s]. traction_way_m, traction_turn_rad: how far it gets by that,
+and how far it turns by moments that feet cannot give. angular_residual, rest_acceleration: in units
+of g a stand height, and of g. least_…: what a phase has at least. joints_m: distance of a foot from
+its toe, with all joints within their limits. joint_speed, torque: shares of what the robot's file
+gives a joint; the rest is what a controller corrects by. legs_moment: as moment_balance, of the
+whole robot, whose legs weigh something. bodies_m: of one link in another, or in the ground; of the
+latter what is within 1 mm counts as 0. ``docs/reference/groups.md`` has the limits."""
 
 
 def worst_group(
@@ -382,19 +371,13 @@ class TrajectoryMeasurements:
         Where the map has something higher than that within NEAR_M of such a point, the face is
         looked at every CLOSE_M: a stone may come up between.
         """
-        points = self._placed(slice(None), _APART_M)
-        depth = (self.trajectory.problem.terrain.height(points[..., :2]) - points[..., 2]).max(
-            axis=1
-        )
+        terrain, points = self.trajectory.problem.terrain, self._placed(slice(None), _APART_M)
+        depth = (terrain.height(points[..., :2]) - points[..., 2]).max(axis=1)
         near = np.flatnonzero((self._tops(points[..., :2]) > points[..., 2]).any(axis=1))
         if len(near):
             close = self._placed(near, _CLOSE_M)
-            depth[near] = np.maximum(
-                depth[near],
-                (self.trajectory.problem.terrain.height(close[..., :2]) - close[..., 2]).max(
-                    axis=1
-                ),
-            )
+            deeper = (terrain.height(close[..., :2]) - close[..., 2]).max(axis=1)
+            depth[near] = np.maximum(depth[near], deeper)
         return np.asarray(depth)
 
     def _placed(self, rows: NDArray[np.intp] | slice, apart_m: float) -> Array:

@@ -24,10 +24,10 @@ from typing import Any
 import clarabel
 import numpy as np
 
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 from ..files.codec import Columns
 from .explain import halved
-from .geometry import cross, length
+from .geometry import length
 from .lagrangian import Numbers
 from .stances import Index
 

@@ -17,7 +17,7 @@ from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.micp import Nlp
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan, explain
-from stancekit.planners.verify.lagrangian import Multipliers
+from stancekit.planners.verify.lagrangian import multipliers_of
 from stancekit.planners.verify.stances import Schedule
 from tests.planners.oracle import OraclePrograms
 from tests.refusals import refuses
@@ -92,7 +92,7 @@ def test_a_proof_weighs_the_limit_and_proves_nothing_of_a_course_that_has_a_plan
     assert planner.solve(pinned).solution is not None
     proof = planner.solve(tight).certificate
     assert check_certificate(proof.of(tight)).accepted
-    weights = Multipliers.of(Schedule.of_course(tight), proof.multipliers).linear_step
+    weights = multipliers_of(Schedule.of_course(tight), proof.multipliers)["linear_step"]
     assert weights.max() > 0.1
     assert weights.min() >= 0.0
     wide = limited(pinned, 0.3)

@@ -20,7 +20,7 @@ from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
-from stancekit.planners.verify.trajectories import GROUPS, WalkLimits, check_trajectory
+from stancekit.planners.verify.trajectories import GROUPS, LIMITS, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY, TrajectoryMeasurements
 from tests.forgeries import walks
 from tests.refusals import assert_names
@@ -219,7 +219,7 @@ def stepping() -> Trajectory:
     )
 
 
-def refused(trajectory, limits=WalkLimits()) -> dict[str, tuple[str, float]]:
+def refused(trajectory, limits=LIMITS) -> dict[str, tuple[str, float]]:
     """The groups that break their limits, with where and when."""
     return {g.name: (g.where, g.when) for g in check_trajectory(trajectory, limits).refused}
 
@@ -787,7 +787,7 @@ def test_scales_follow_the_robot():
     """
     light, heavy = standing(), standing()
     heavy = replace(heavy.asked(robot=robot(mass_kg=60.0)), forces_n=2.0 * heavy.forces_n)
-    limit = 1.0 + WalkLimits().impulse_rate + WalkLimits().impulse_s / 0.495
+    limit = 1.0 + LIMITS["impulse_rate"] + LIMITS["impulse_s"] / 0.495
     for factor in (limit - 1e-3, limit + 1e-3):
         verdicts = [
             check_trajectory(replace(t, forces_n=factor * t.forces_n)).accepted

@@ -35,7 +35,7 @@ from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.bodies import WholeBodyMeasurements
-from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
+from stancekit.planners.verify.trajectories import LIMITS, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 from tests.planners.verify.test_trajectory_whole_body import stepping
 
@@ -292,7 +292,7 @@ def test_feet_that_stick_have_no_rows_and_nothing_is_asked_where_all_of_them_do(
     assert counts[0] == 2 * counts[1] > counts[2] == 0
 
 
-LOW = WalkLimits(torque=0.3)
+LOW = {**LIMITS, "torque": 0.3}
 """Most joints are near this."""
 
 
@@ -389,7 +389,7 @@ def test_a_refused_torque_gets_rows_that_a_solve_keeps() -> None:
     found = base.solve()
     report = check_trajectory(found.trajectory())
     worst = next(group for group in report.groups if group.name == "torque").value
-    limits = WalkLimits(torque=0.95 * worst)
+    limits = {**LIMITS, "torque": 0.95 * worst}
     refused = check_trajectory(found.trajectory(), limits)
     assert "torque" in {group.name for group in refused.refused}
     dense = densified(base, refused)

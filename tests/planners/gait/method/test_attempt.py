@@ -36,7 +36,7 @@ from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
-from stancekit.planners.verify.trajectories import WalkLimits, check_trajectory
+from stancekit.planners.verify.trajectories import LIMITS, check_trajectory
 from tests.refusals import refuses
 
 BUMPS = HeightField.from_function(
@@ -450,7 +450,7 @@ def test_a_dense_program_holds_its_band(program, solution):
 
 
 def test_flaws_are_where_the_verifier_measures_them(program, solution):
-    strict = WalkLimits(force_balance=1e-6, reach_m=-1.0)  # nothing keeps these
+    strict = {**LIMITS, "force_balance": 1e-6, "reach_m": -1.0}  # nothing keeps these
     report = check_trajectory(solution.trajectory(), strict)
     found = flaws(program, report, band=0.01)
     assert {"force_balance", "reach"} <= {group.name for group in report.refused}
@@ -460,7 +460,7 @@ def test_flaws_are_where_the_verifier_measures_them(program, solution):
 
 def test_an_accepted_trajectory_asks_for_nothing(program, solution):
     report = check_trajectory(
-        solution.trajectory(), WalkLimits(force_balance=1.0, moment_balance=1.0)
+        solution.trajectory(), {**LIMITS, "force_balance": 1.0, "moment_balance": 1.0}
     )
     assert report.accepted
     assert densified(program, report) is None
@@ -469,7 +469,7 @@ def test_an_accepted_trajectory_asks_for_nothing(program, solution):
 def test_what_was_missed_is_kept_in_hand(program, solution):
     settings = replace(program.settings, trunk_clearance_m=None)
     report = check_trajectory(
-        solution.trajectory(), WalkLimits(trunk_m=-2.0, reach_m=-1.0, penetration_m=-1.0)
+        solution.trajectory(), {**LIMITS, "trunk_m": -2.0, "reach_m": -1.0, "penetration_m": -1.0}
     )
     found = tightened(settings, report)
     assert found.trunk_clearance_m == pytest.approx(0.02)
@@ -481,7 +481,7 @@ def test_what_was_missed_is_kept_in_hand(program, solution):
 
 
 def test_rows_add_up_and_bands_narrow(program, solution):
-    report = check_trajectory(solution.trajectory(), WalkLimits(force_balance=1e-6))
+    report = check_trajectory(solution.trajectory(), {**LIMITS, "force_balance": 1e-6})
     first = DenseProgram(program, program.settings, checks(program, balance=[5]))
     second = densified(first, report)
     assert second.checks.balance[5]
