@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan, patches_of
+from ..answer.motion import LATER
+from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
@@ -104,7 +105,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
     def turned(self) -> Array:
         """Θ at the ends of intervals less the plan's, shape (M + 1, 3) [rad]."""
         body, plan = self.leap_body, self.leap_body.plan
-        at = np.array([np.interp(plan.times_s, body.times_s, row) for row in body.rotation_rad.T]).T
+        at = np.array([np.interp(plan.ends_s, body.times_s, row) for row in body.rotation_rad.T]).T
         return np.asarray(at - plan.rotation_rad)
 
     def dips(self) -> tuple[Array, Array]:
@@ -112,7 +113,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         one that it comes to, each over its half of the flight, shape (K, N) each [m].
         """
         body, plan = self.leap_body, self.leap_body.plan
-        normals, holds = np.array([patch.normal for patch in patches_of(plan)]), body.holds
+        normals, holds = np.array([patch.normal for patch in plan.patches]), body.holds
         left, lands = np.zeros(holds.shape), np.zeros(holds.shape)
         for i in range(holds.shape[1]):
             for first, last in gaps(holds[:, i] >= 0):
@@ -166,13 +167,13 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
             "legs_turn",
             np.abs(self.turned),
             ("x", "y", "z"),
-            self.leap_body.plan.times_s,
+            self.leap_body.plan.ends_s,
             LEGS_TURN_RAD,
         )
         yield _group("take_off", left[0], feet, times, DIP_M, feet)
         yield _group("landing", left[1], feet, times, DIP_M, feet)
         if bodies:
-            around = obstacles or Obstacles.of(patches_of(self.leap_body.plan))
+            around = obstacles or Obstacles.of(self.leap_body.plan.patches)
             yield looked_at("bodies", lambda: self.bodies("bodies", around))
 
 
@@ -273,7 +274,7 @@ def _defect(plan: LeapPlan) -> str:
     leap = plan.problem
     if not 0 <= plan.timing < len(leap.timings_s):
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
-    if defect := arrays_defect(plan, plan.shapes(leap), plan.LATER, 1e9):
+    if defect := arrays_defect(plan, leap.columns(), LATER, 1e9):
         return defect
     if plan.gather is not None and not np.all(
         (plan.gather >= LEAST_GATHER) & (plan.gather <= MOST_GATHER)

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..answer.plan import NOBODY_CARRIES, WHOLE_BODY, Plan
+from ..answer.motion import LATER
+from ..answer.plan import WHOLE_BODY, Plan
 from ..answer.report import (
     GROUPS,
     LATE,
@@ -26,6 +27,7 @@ from ..answer.report import (
 from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import LARGEST, Array
 from ..problem import Problem
+from ..problem.problem import NOBODY_CARRIES
 from ..robot.robot_file import Servo
 from .bodies import check_bodies
 from .geometry import counts_of, exact_and_linear, forces_defect, length
@@ -307,7 +309,7 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     """
     course = plan.problem
     most = float(np.finfo(np.float64).max) if course.is_posture else LARGEST
-    if defect := arrays_defect(plan, plan.shapes(course), plan.LATER, most):
+    if defect := arrays_defect(plan, course.columns(), LATER, most):
         return defect, -1, ""
     for foothold, chosen in (
         zip(course.footholds, plan.choice, strict=True) if plan.choice.any() else ()
