@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1359, 16743),
-    "cli": (3327, 39417),
+    "api": (1363, 16692),
+    "cli": (3326, 39393),
     "configs": (3, 30),
-    "envs": (3129, 42896),
+    "envs": (3130, 42906),
     "learners": (5262, 77750),
-    "planners": (35273, 580098),
-    "runner": (6632, 90891),
-    "views": (4311, 69522),
+    "planners": (35266, 579851),
+    "runner": (6626, 90823),
+    "views": (4311, 69520),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

@@ -316,12 +316,14 @@ class Report(Generic[S]):
     @property
     def _of_body(self) -> list[Group]:
         """The groups of a plan's whole body and of its margins, or of a leap's whole body."""
-        return [group for group in self.groups if group.name in whole_body(self.answer)]
+        body = whole_body(self.answer)
+        return [group for group in self.groups if group.name in body]
 
     @property
     def _of_contacts(self) -> list[Group]:
         """All groups but those of the whole body and of margins."""
-        return [group for group in self.groups if group.name not in whole_body(self.answer)]
+        body = whole_body(self.answer)
+        return [group for group in self.groups if group.name not in body]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""

@@ -146,21 +146,15 @@ def robot_from_json(data: Any) -> Robot:
 
     Raises InvalidInput, also for one that is called as a built-in one and is another.
     """
-    from ..robot.walker import walker_from_json
+    from ..robot.walker import BUILT_IN, walker_from_json
 
     with located("robot"):
         robot = walker_from_json(data)
-        _check_built_in(robot)
-    return robot
-
-
-def _check_built_in(robot: Robot) -> None:
-    """Raise InvalidInput for a robot that has the name of a built-in robot but other numbers."""
-    from ..robot.walker import BUILT_IN
-
-    if not robot.own and robot.name in BUILT_IN:
+        if robot.own or robot.name not in BUILT_IN:
+            return robot
         expected = replace(BUILT_IN[robot.name](), model=None).to_json()
         if other := first_difference(robot.to_json(), expected):
             raise InvalidInput(
                 f"expected the numbers of the built-in {robot.name}, got other values: {other}"
             )
+    return robot

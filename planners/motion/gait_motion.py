@@ -45,7 +45,7 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
     parts = [
         next(timed) if part.keyed else leap_motion(part, rest_s=SETTLE_S) for part in crossing.parts
     ]
-    begins = part_begins_s(parts)
+    begins = np.cumsum([0.0, *(part.duration_s + BLEND_S for part in parts[:-1])])
     ends = begins + [part.duration_s for part in parts]
     numbers, stances = _numbered(crossing, parts)
 
@@ -107,11 +107,6 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
         stances=stances,
         committed_s=tuple(committed),
     )
-
-
-def part_begins_s(parts: Sequence[Played]) -> Array:
-    """When every part of a crossing begins, shape (K,) [s]."""
-    return np.concatenate([[0.0], np.cumsum([part.duration_s + BLEND_S for part in parts[:-1]])])
 
 
 def _numbered(

@@ -659,6 +659,7 @@ GARBAGE = """
 import sys
 import numpy as np
 import stancekit
+from stancekit.planners.answer.answer import Answer
 
 def returning(thing):
     class Planner:
