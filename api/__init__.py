@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from .motions import run as run, simulate as simulate
     from .pictures import draw as draw, film as film
     from .planners.answer.answer import Answer as Answer, Effort as Effort, Status as Status
-    from .planners.answer.certificate import Certificate as Certificate, Crossing as Crossing
-    from .planners.answer.plan import LeapPlan as LeapPlan, Plan as Plan
+    from .planners.answer.certificate import Certificate as Certificate, Way as Way
+    from .planners.answer.motion import Motion as Motion
     from .planners.answer.report import Group as Group, Report as Report
-    from .planners.answer.trajectory import Trajectory as Trajectory, WalkQuestion as WalkQuestion
+    from .planners.answer.trajectory import WalkQuestion as WalkQuestion
     from .planners.errors import InvalidInput as InvalidInput, StancekitError as StancekitError
     from .planners.formats.motion_file import FileCheck as FileCheck
     from .planners.leap.finder import LeapFinder as LeapFinder
@@ -113,17 +113,14 @@ _HOMES = {
     ),
     "planners.answer.certificate": (
         "Certificate",
-        "Crossing",
+        "Way",
     ),
-    "planners.answer.plan": (
-        "LeapPlan",
-        "Plan",
-    ),
+    "planners.answer.motion": ("Motion",),
     "planners.answer.report": (
         "Group",
         "Report",
     ),
-    "planners.answer.trajectory": ("Trajectory", "WalkQuestion"),
+    "planners.answer.trajectory": ("WalkQuestion",),
     "planners.errors": (
         "InvalidInput",
         "StancekitError",

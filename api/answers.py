@@ -17,7 +17,7 @@ from stancekit import (
     InvalidInput,
     Leap,
     LeapTries,
-    Plan,
+    Motion,
     Problem,
     RecheckReport,
     Report,
@@ -231,7 +231,7 @@ def margins(
     plan = _evidence(subject) if isinstance(subject, Answer) else subject
     stances = (
         stances_of(plan)
-        if isinstance(plan, Plan)
+        if isinstance(plan, Motion)
         else stances_from(plan, normals, friction, com_m, low, high, wrench)
     )
     found = stances.margins(
@@ -244,7 +244,7 @@ def margins(
     return replace(
         found,
         forces=found.forces.reshape(
-            found.forces.shape if isinstance(plan, Plan) else np.shape(plan)
+            found.forces.shape if isinstance(plan, Motion) else np.shape(plan)
         ),
     )
 

@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stancekit import Certificate, InvalidInput, Plan, Problem, Robot
+from stancekit import Certificate, InvalidInput, Motion, Problem, Robot
 from stancekit.planners.answer.answer import UNBOUNDED
-from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import located
 from stancekit.planners.files.arrays import checked_choice
@@ -32,9 +31,14 @@ _FRICTION = 0.75
 _TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
-_EVIDENCE = {"feasible": Plan, "infeasible": Certificate, "undecided": None, "invalid": None}
+_EVIDENCE: dict[str, Any] = {
+    "feasible": Motion,
+    "infeasible": Certificate,
+    "undecided": None,
+    "invalid": None,
+}
 """Evidence that an answer of each status has to hold."""
-_CALLED = {Plan: "a posture", Certificate: "a certificate", None: "nothing"}
+_CALLED: dict[Any, str] = {Motion: "a posture", Certificate: "a certificate", None: "nothing"}
 
 
 def check_file(
@@ -144,9 +148,7 @@ def _check_motion(
         )
         ground, gravity_m_s2, who = problem.terrain, problem.gravity_m_s2, who or problem.robot
     elif Path(str(terrain)).suffix == ".json":
-        robot_of_scene, _, ground, gravity_m_s2 = scene_of(
-            motion_file.read_motion(str(terrain), Motion)[0]
-        )
+        robot_of_scene, _, ground, gravity_m_s2 = scene_of(motion_file.read_motion(str(terrain))[0])
         who = who or robot_of_scene
     else:
         from stancekit.planners.terrain.reference import named_terrain
@@ -277,7 +279,7 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
             f"it says {status} and comes with {_CALLED[kind]}, expected {_CALLED[expected]}{hint}"
         )
         return {"verdict": "refused", "message": message}
-    if isinstance(answer, Plan):
+    if isinstance(answer, Motion):
         report = check_plan(answer, tolerance=tolerance)
         message, beyond_m = _bare(report.message), report.figures["exact_reach_m"]
         if beyond_m > _TOLD_M:

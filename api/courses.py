@@ -9,18 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from stancekit import (
-    Answer,
-    Crossing,
-    Effort,
-    Footholds,
-    LeapPlan,
-    Plan,
-    Problem,
-    Robot,
-    StandingMap,
-    Status,
-)
+from stancekit import Answer, Effort, Footholds, Problem, Robot, StandingMap, Status
+from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
@@ -121,9 +112,9 @@ def plan(
         motion leads from start to goal, for the ``Passage`` in ``problem``; or undecided, also with
         a plan whose joints cannot do it, whose bodies collide, or that was not judged in time, and
         between places with that certificate where the robot may leap. ``bound`` is a proved lower
-        bound on the objective of any plan. Of a leap, one with a ``LeapPlan``. Over a
+        bound on the objective of any plan. Of a leap, one with its ``Motion``. Over a
         terrain with a gap that key frames do not cross, of a robot whose legs have limits
-        of torque and speed, one with a ``Crossing``: key frames up to the gap, a leap, and
+        of torque and speed, one with a ``Motion`` of ``parts``: key frames up to the gap, a leap, and
         key frames on from it; its ``refusal`` says why key frames alone do not suffice.
 
     Raises:
@@ -156,10 +147,10 @@ def plan(
     planner = _planner(method, time_limit_s)
     try:
         question = _question(course, frames, robot, start, goal, settings.standing)
-        answer = _answer(question, planner, settings, deadline, progress)
+        answer: Answer[Any] = _answer(question, planner, settings, deadline, progress)
     except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
         return unmet(error, planner.name, robot)
-    if settings.margins and isinstance(answer.solution, Plan) and answer.report is not None:
+    if settings.margins and answer.report is not None and answer.report.answer.keyed:
         return replace(answer, report=with_margins(answer.report))
     return answer
 

@@ -7,19 +7,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
-from stancekit import (
-    Crossing,
-    Dataset,
-    Exported,
-    InvalidInput,
-    LeapPlan,
-    Plan,
-    Trajectory,
-)
+from stancekit import Dataset, Exported, InvalidInput, Motion
 from stancekit.envs.data.ledger import folder_of
 from stancekit.learners.data.labelling import rows_of
-from stancekit.planners.answer.motion import Motion
 from stancekit.planners.arguments import checked
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_text, shown
@@ -71,7 +63,7 @@ class ExportedMotions:
 
 @checked
 def export(
-    subject: Dataset | Plan | LeapPlan | Crossing | Trajectory | str | Path,
+    subject: Dataset | Motion[Any] | str | Path,
     out: str | Path | None = None,
     *,
     to: str | None = None,
@@ -133,7 +125,7 @@ def export(
             raise InvalidInput(f"count: expected how many motions over {subject}, got none")
         return _drawn(subject, path, to or "reference", rate_hz, count, str(robot), progress)
     if _is_rows(subject) or (to == _MINARI and isinstance(subject, str | Path)):
-        assert not isinstance(subject, Plan | LeapPlan | Crossing | Trajectory)
+        assert not isinstance(subject, Motion)
         return _rows(subject, path, to or _MINARI, room, progress)
     assert not isinstance(subject, Dataset)
     source = _called(subject)
@@ -159,19 +151,19 @@ def export(
     return ExportedMotions(paths=(path,), without=moved.without, open_loop=moved.open_loop)
 
 
-def read_accepted(path: Path) -> Motion:
+def read_accepted(path: Path) -> Motion[Any]:
     """The motion of a file, if the verifier accepts it now, whatever the file says.
 
     Raises InvalidInput.
     """
     from stancekit.planners.formats.motion_file import read_motion
 
-    subject, _ = read_motion(path, Motion)
+    subject, _ = read_motion(path)
     _check_accepted(subject, str(path))
     return subject
 
 
-def _check_accepted(subject: Motion, source: str) -> None:
+def _check_accepted(subject: Motion[Any], source: str) -> None:
     """Raise InvalidInput for a motion that the verifier does not accept.
 
     Arguments:
@@ -183,13 +175,17 @@ def _check_accepted(subject: Motion, source: str) -> None:
     report = judged(subject)
     if not report.accepted:
         raise InvalidInput(
-            f"{source}: expected a {subject.WORD} that the verifier accepts, it says: "
+            f"{source}: expected a {subject.word} that the verifier accepts, it says: "
             f"{report.message}"
         )
 
 
 def _called(subject: object) -> str:
-    return str(subject) if isinstance(subject, str | Path) else f"a {type(subject).__name__}"
+    return (
+        str(subject)
+        if isinstance(subject, str | Path)
+        else f"a {getattr(subject, 'word', 'Dataset')}"
+    )
 
 
 def _is_rows(subject: object) -> bool:

@@ -7,17 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, overload
 
-from stancekit import (
-    Answer,
-    Certificate,
-    EnvelopeSet,
-    InvalidInput,
-    Modes,
-    Plan,
-    Problem,
-)
+from stancekit import Answer, Certificate, EnvelopeSet, InvalidInput, Modes, Motion, Problem
 from stancekit.learners.leaps.kinds import SCORER, Scores
-from stancekit.planners.answer.motion import Motion
 from stancekit.planners.arguments import came, checked
 from stancekit.planners.files.documents import read_json, read_text, read_yaml, shown
 from stancekit.planners.files.writing import write_text
@@ -39,7 +30,15 @@ if TYPE_CHECKING:
     from stancekit.learners.selectors.selector import Learned
 
     Saved = (
-        Problem | Leap | EnvelopeSet | Modes | Answer[Any] | Motion | Certificate | Learned | Scores
+        Problem
+        | Leap
+        | EnvelopeSet
+        | Modes
+        | Answer[Any]
+        | Motion[Any]
+        | Certificate
+        | Learned
+        | Scores
     )
 else:
     Saved = Any  # selectors take a while to load, and ``save`` says itself what has no file
@@ -68,12 +67,12 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     Arguments:
         path: a file, or the folder of a data set; or the name of a course that ``plan`` takes
             ("walls", "stairs:0.5:7"), where there is no such file.
-        kind: expected type, e.g. ``stancekit.Plan``, known to type checkers, too; by default any.
+        kind: expected type, e.g. ``stancekit.Motion``, known to type checkers, too; by default any.
 
     Returns:
         Problem, or a list of them where the file holds JSON lines or an array
         (``stancekit/posture/1``, ``stancekit/course/1``, or YAML); Leap (``stancekit/leap/1``, or
-        YAML); EnvelopeSet; Modes; the Plan, LeapPlan, Crossing or Trajectory of a motion
+        YAML); EnvelopeSet; Modes; the Motion of a motion
         (``stancekit/motion/1``); the Certificate of a proof, which knows its problem; Dataset;
         LeapTries; Robot that walks (YAML or URDF); what a safetensors file of a neural selector,
         or policy holds, as ``Learned``; LeapScorer; Surrogate. Nothing is unpickled.
@@ -86,7 +85,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     Example:
         >>> import stancekit
         >>> stancekit.save(stancekit.plan("stairs", frames=2).solution, "climb.json")
-        >>> stancekit.load("climb.json", stancekit.Plan).problem.name
+        >>> stancekit.load("climb.json", stancekit.Motion).problem.name
         'stairs'
     """
     value = _read(Path(path))
@@ -138,7 +137,7 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Motion():
-            if isinstance(thing, Plan):
+            if thing.keyed:
                 thing.problem.check_whole()
             write_motion(path, thing, report or judge(thing))
         case Certificate():

@@ -7,17 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stancekit import (
-    Crossing,
-    InvalidInput,
-    LeapPlan,
-    Plan,
-    Problem,
-    RunReport,
-    RunSettings,
-    Trajectory,
-)
-from stancekit.planners.answer.motion import Motion
+from stancekit import InvalidInput, Motion, Problem, RunReport, RunSettings
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import located
 from stancekit.planners.files.documents import read_json
@@ -37,7 +28,7 @@ if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 Progress = Callable[[int, int], None]
-_Motion = Plan | Trajectory | LeapPlan | Crossing | Accepted[Any]
+_Motion = Motion[Any] | Accepted[Any]
 """What can be run; of the accepted ones nothing is judged again."""
 LIFT = "lift"
 
@@ -275,12 +266,12 @@ def policy_of(name: str | Path, course: Problem) -> SelectorPolicy | None:
 
 def _is_timed(asked: Accepted[Any] | Problem) -> bool:
     """Tell whether it runs at its own pace, or holds what does."""
-    return isinstance(asked, Accepted) and not isinstance(asked.plan, Plan)
+    return isinstance(asked, Accepted) and not asked.plan.keyed
 
 
 def _called(asked: Accepted[Any] | Problem) -> str:
     """Kind of a motion, in words."""
-    return "plan" if isinstance(asked, Problem) else str(asked.plan.WORD)
+    return "plan" if isinstance(asked, Problem) else str(asked.plan.word)
 
 
 def _is_course(path: str | Path) -> bool:

@@ -8,17 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from stancekit import (
-    Answer,
-    Certificate,
-    Crossing,
-    Envelope,
-    InvalidInput,
-    LeapPlan,
-    Plan,
-    Problem,
-    Trajectory,
-)
+from stancekit import Answer, Certificate, Envelope, InvalidInput, Motion, Problem
 from stancekit.planners.arguments import came, checked
 from stancekit.planners.problem.passage import Passage
 from stancekit.planners.verify import explain
@@ -40,8 +30,8 @@ from stancekit.views.sheet import save
 
 @checked
 def draw(
-    subject: Problem | Plan | LeapPlan | Crossing | Trajectory | Certificate | Answer[Any],
-    answer: Plan | Certificate | None = None,
+    subject: Problem | Motion[Any] | Certificate | Answer[Any],
+    answer: Motion[Problem] | Certificate | None = None,
     *,
     executed: Execution | None = None,
     envelope: Envelope | None = None,
@@ -88,24 +78,24 @@ def draw(
         raise InvalidInput(
             f"draw: expected a posture problem, got the course {subject.name}: draw its plan"
         )
-    if isinstance(subject, Plan) and answer is None and subject.problem.is_posture:
+    if isinstance(subject, Motion) and answer is None and not subject.problem.counts:
         if executed is not None:
             raise InvalidInput("draw: expected no execution with the plan of a posture problem")
         return draw(subject.problem, subject, envelope=envelope, caption=caption, out=out)
     if not isinstance(subject, Problem) and (answer is not None or envelope is not None):
         raise InvalidInput(
-            f"draw: expected no answer and no envelope with a {type(subject).__name__}"
+            f"draw: expected no answer and no envelope with a {getattr(subject, 'word', 'proof')}"
         )
     if executed is not None:
-        if not isinstance(subject, Plan | LeapPlan | Crossing):
+        if not isinstance(subject, Motion) or subject.has("times_s"):
+            called = getattr(subject, "word", "proof")
             raise InvalidInput(
-                f"draw: expected no execution with a {type(subject).__name__}: film what was "
-                "executed"
+                f"draw: expected no execution with a {called}: film what was executed"
             )
         _check_executed(subject, executed)
     match subject:
         case Problem():
-            posture = answer if isinstance(answer, Plan) else None
+            posture = None if isinstance(answer, Certificate) else answer
             figure = (
                 _draw_why(answer.of(subject), caption, envelope=envelope)
                 if isinstance(answer, Certificate)
@@ -113,16 +103,14 @@ def draw(
             )
         case Answer() | Certificate():
             figure = _draw_why(subject, caption)
-        case Plan():
-            figure = (
-                draw_plan(subject, caption=caption, strips=True)
-                if executed is None
-                else draw_execution(subject, executed, caption=caption)
-            )
-        case LeapPlan() | Crossing():
-            figure = draw_leap(subject, executed, caption=caption)
-        case Trajectory():
+        case _ if subject.has("times_s"):
             figure = draw_motion(subject, check_trajectory(subject), caption=caption)
+        case _ if not subject.keyed:
+            figure = draw_leap(subject, executed, caption=caption)
+        case _ if executed is None:
+            figure = draw_plan(subject, caption=caption, strips=True)
+        case _:
+            figure = draw_execution(subject, executed, caption=caption)
     if out is not None:
         save(figure, out)
     return figure
@@ -150,7 +138,7 @@ def _draw_why(subject: Answer[Any] | Certificate, caption: str, **posture: Any) 
 
 @checked
 def film(
-    motion: Plan | LeapPlan | Crossing | Trajectory,
+    motion: Motion[Any],
     out: str | Path,
     executed: Execution | None = None,
     *,
@@ -183,7 +171,7 @@ def film(
     from stancekit.views.film import check_film, write_video
     from stancekit.views.page import PAGES, check_page, write_page
 
-    if isinstance(motion, Plan) and motion.problem.is_posture:
+    if not motion.problem.counts:
         raise InvalidInput(
             "film: expected something that moves, got the plan of a posture problem: draw it"
         )
@@ -206,14 +194,12 @@ def film(
     write_video(path, frames, 1.0 / moments.step_s)
 
 
-def _check_executed(
-    motion: Problem | Plan | LeapPlan | Crossing | Trajectory, executed: Execution
-) -> None:
+def _check_executed(motion: Motion[Any], executed: Execution) -> None:
     """Raise InvalidInput for an execution with another number of joints or footholds; one of another
     motion with the same numbers is not noticed.
     """
     expected, got = [len(motion.robot.joint_names)], [executed.trace.angles_rad.shape[1]]
-    if isinstance(motion, Plan | LeapPlan):
+    if motion.has("choice"):
         expected.append(len(motion.problem.footholds))
         got.append(len(executed.slip_m))
     if expected != got:
@@ -226,19 +212,15 @@ def _check_executed(
         raise InvalidInput(f"executed: expected the execution of a motion of {one}, got {other}")
 
 
-def view_of(
-    motion: Plan | LeapPlan | Crossing | Trajectory, executed: Execution | None = None
-) -> View:
+def view_of(motion: Motion[Any], executed: Execution | None = None) -> View:
     """View of a motion, or of its execution."""
-    match motion:
-        case Plan():
-            return PlanView(motion, execution=executed)
-        case LeapPlan() | Crossing():
-            return LeapView(motion, execution=executed)
-        case Trajectory():
-            if executed is None:
-                return GaitView(motion, report=check_trajectory(motion))
-            return GaitView.of_execution(motion, executed)
+    if motion.keyed:
+        return PlanView(motion, execution=executed)
+    if not motion.has("times_s"):
+        return LeapView(motion, execution=executed)
+    if executed is None:
+        return GaitView(motion, report=check_trajectory(motion))
+    return GaitView.of_execution(motion, executed)
 
 
 def _counted(

@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from stancekit import Answer, HeightField, Robot, Status, Trajectory
+from stancekit import Answer, HeightField, Robot, Status
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, interruptible
 from stancekit.planners.files.arrays import Array, checked as checked_number, checked_int

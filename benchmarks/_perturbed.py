@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
@@ -35,7 +35,7 @@ class Perturbed:
     imperfections: Imperfections = field(default_factory=Imperfections)
 
 
-def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float) -> Perturbed:
+def moved(plan: Motion, rng: np.random.Generator, far_m: float, turned_rad: float) -> Perturbed:
     """Every plane moved along its normal and turned about a random axis in it, each by up to so
     much, either way.
     """
@@ -86,7 +86,7 @@ def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float)
     return Perturbed(terrain=tuple(terrain), course=told)
 
 
-def missing(plan: Plan, rng: np.random.Generator) -> Perturbed:
+def missing(plan: Motion, rng: np.random.Generator) -> Perturbed:
     """Nothing around one of the places where a foot should come down."""
     course, starts = plan.problem, plan.toes_at(0)
     later = [
@@ -116,7 +116,7 @@ def missing(plan: Plan, rng: np.random.Generator) -> Perturbed:
     return Perturbed(terrain=terrain, course=replace(course, terrain=terrain, footholds=footholds))
 
 
-def pushed(plan: Plan, rng: np.random.Generator, share: float) -> Perturbed:
+def pushed(plan: Motion, rng: np.random.Generator, share: float) -> Perturbed:
     """A push on the body from anywhere, of half to all of this share of the weight."""
     course, way = plan.problem, rng.standard_normal(3)
     force = rng.uniform(0.5, 1.0) * share * course.weight_n * way / np.linalg.norm(way)

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion, Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.problem import Problem
@@ -182,7 +181,7 @@ def _strips(*strips: tuple[tuple[float, float], tuple[float, float]]) -> dict[st
     return {"kind": "polygons", "polygons": polygons}
 
 
-def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
+def urdf_errors(model: RobotModel, plan: Motion) -> NDArray[np.float64]:
     """How far pinocchio has the toes of a plan's joint angles from where the plan has them, shape
     (M, N) [m].
     """

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Patch
@@ -56,7 +56,7 @@ class Wrong:
         )
         return cls(imperfections=imperfections, friction=asked.friction)
 
-    def patches(self, plan: Plan) -> tuple[Patch, ...]:
+    def patches(self, plan: Motion) -> tuple[Patch, ...]:
         """The terrain of a plan's course."""
         patches = slippery(plan.problem, self.friction).terrain
         if self.farther_m == 0.0:

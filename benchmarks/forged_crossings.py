@@ -19,8 +19,7 @@ import numpy as np
 import tyro
 from _bench import Options, launch
 
-from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit import Certificate, Motion
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.formats.motion_file import read_motion
@@ -46,8 +45,8 @@ class Asked(Options):
 
 def main(asked: Asked) -> int:
     """Forge, verify and print."""
-    honest = read_motion(asked.crossing, Crossing)[0]
-    other = None if asked.other is None else read_motion(asked.other, Crossing)[0]
+    honest = read_motion(asked.crossing)[0]
+    other = None if asked.other is None else read_motion(asked.other)[0]
     report = check_crossing(honest)
     asked.say({"forgery": "none", "accepted": report.accepted, "refused by": report.message})
     wrong, count = int(not report.accepted), 0
@@ -65,17 +64,18 @@ def main(asked: Asked) -> int:
     return int(wrong > 0)
 
 
-def forgeries(honest: Crossing, other: Crossing | None) -> Iterator[tuple[str, Crossing | str]]:
+def forgeries(honest: Motion, other: Motion | None) -> Iterator[tuple[str, Motion | str]]:
     """Forged crossings by name; in place of one that cannot be made, why not."""
-    k = next(k for k, part in enumerate(honest.parts) if isinstance(part, LeapPlan))
+    k = next(k for k, part in enumerate(honest.parts) if part.has("timing"))
     leap, after = honest.parts[k], honest.parts[k + 1]
-    assert isinstance(leap, LeapPlan)
-    assert isinstance(after, Plan)
 
-    def exchanged(part: LeapPlan | Plan, at: int = k) -> Crossing:
+    def exchanged(part: Motion, at: int = k) -> Motion:
         parts = list(honest.parts)
         parts[at] = part
         return replace(honest, parts=tuple(parts))
+
+    def proved(certificate: Certificate) -> Motion:
+        return replace(honest, problem=replace(honest.problem, certificate=certificate))
 
     for name, part in leaps(leap, honest.problem.terrain):
         yield name, part if isinstance(part, str) else exchanged(part)
@@ -95,23 +95,23 @@ def forgeries(honest: Crossing, other: Crossing | None) -> Iterator[tuple[str, C
     yield "the last climb first", replace(honest, parts=(after, leap, before[0]))
     swapped = replace(leap, toes_m=np.roll(leap.toes_m, len(leap.problem.robot.limbs), axis=0))
     yield "the leap backwards", exchanged(swapped)
-    proof = honest.certificate
+    proof = honest.problem.certificate
     if proof is not None and proof.problem is not None:
         steps = proof.problem.steps
         longer = replace(proof.problem, steps=replace(steps, toe_m=1.2 * steps.toe_m))
         for name, problem in (("proof of shorter steps", longer), ("proof without a course", None)):
             try:
-                yield name, replace(honest, certificate=replace(proof, problem=problem))
+                yield name, proved(replace(proof, problem=problem))
             except StancekitError as error:
                 yield name, str(error)
     if other is not None:
         yield "leap of another robot", exchanged(other.parts[1])
         yield "last climb of another robot", exchanged(other.parts[-1], len(honest.parts) - 1)
-        if other.certificate is not None:
-            yield "proof of another robot", replace(honest, certificate=other.certificate)
+        if other.problem.certificate is not None:
+            yield "proof of another robot", proved(other.problem.certificate)
 
 
-def deepest(plan: LeapPlan, terrain: Sequence[Patch]) -> tuple[int, np.ndarray]:
+def deepest(plan: Motion, terrain: Sequence[Patch]) -> tuple[int, np.ndarray]:
     """The limb and the place between its toes before and after a leap that is farthest from all
     ground.
     """
@@ -128,19 +128,19 @@ def deepest(plan: LeapPlan, terrain: Sequence[Patch]) -> tuple[int, np.ndarray]:
     return found
 
 
-def leaps(plan: LeapPlan, terrain: Sequence[Patch]) -> Iterator[tuple[str, LeapPlan | str]]:
+def leaps(plan: Motion, terrain: Sequence[Patch]) -> Iterator[tuple[str, Motion | str]]:
     """Forged leaps by name."""
     leap = plan.problem
     stands, limbs = leap.holds[leap.interval_phases], len(leap.robot.limbs)
     air = int(np.flatnonzero((stands < 0).all(axis=1))[0])
     lands = leap.holds[-1]
 
-    def pushed(interval: int, limb: int, force_n: np.ndarray) -> LeapPlan:
+    def pushed(interval: int, limb: int, force_n: np.ndarray) -> Motion:
         forces = plan.forces_n.copy()
         forces[interval, limb] += force_n
         return replace(plan, forces_n=forces)
 
-    def asked(**changes: object) -> LeapPlan | str:
+    def asked(**changes: object) -> Motion | str:
         try:
             return replace(plan, problem=replace(leap, **changes))
         except StancekitError as error:
@@ -189,7 +189,7 @@ def leaps(plan: LeapPlan, terrain: Sequence[Patch]) -> Iterator[tuple[str, LeapP
     yield "as it was before it was bent", unbent
 
 
-def integrated(plan: LeapPlan, forces_n: np.ndarray) -> LeapPlan:
+def integrated(plan: Motion, forces_n: np.ndarray) -> Motion:
     """A plan of other forces, whose body does what they ask for."""
     from stancekit.planners.leap.scp import plan_from
 
@@ -197,7 +197,7 @@ def integrated(plan: LeapPlan, forces_n: np.ndarray) -> LeapPlan:
     return plan_from(numbers, plan.choice, plan.toes_m, forces_n, "forged")
 
 
-def placed(plan: LeapPlan, j: int, toe_m: np.ndarray, *, patch_too: bool = False) -> LeapPlan:
+def placed(plan: Motion, j: int, toe_m: np.ndarray, *, patch_too: bool = False) -> Motion:
     """A plan with a toe elsewhere, and its patch there, too."""
     toes, leap = plan.toes_m.copy(), plan.problem
     away = np.array([*(toe_m - toes[j])[:2], 0.0])
@@ -224,7 +224,7 @@ def moved(foothold: Foothold, away_m: np.ndarray) -> Foothold:
     )
 
 
-def shifted(plan: LeapPlan, away_m: np.ndarray) -> LeapPlan:
+def shifted(plan: Motion, away_m: np.ndarray) -> Motion:
     """All of a leap elsewhere: honest in itself, and no part of this crossing."""
     leap: Leap = plan.problem
     leap = replace(

@@ -36,12 +36,11 @@ import numpy as np
 from _bench import Options, Row, launch, markdown
 from closed_loop import Ran, course_of, solved, summary
 
+from stancekit import Answer, Motion
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.motions import policy_of
-from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
@@ -110,7 +109,7 @@ class Way:
         self.inside = self.plans = 0
         self.seconds.clear()
 
-    def solve(self, course: Problem) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Motion]:
         """Plan, and count whose plan it is."""
         if self.policy is None:
             outcome = self._lift.solve(course)

@@ -180,7 +180,7 @@ def ground(kind: str, size_m: float, robot: Robot, path: Path) -> tuple[float, f
     return goal, 0.0
 
 
-def stops(answer: stancekit.Answer[stancekit.Plan]) -> str:
+def stops(answer: stancekit.Answer[stancekit.Motion]) -> str:
     """What there is no plan for: the first group that refuses, or what the search says."""
     report, said = answer.report, answer.message
     if report is not None:

@@ -20,8 +20,7 @@ import numpy as np
 from _bench import Options, launch
 from _leap_nlp import LeapNlp
 
-from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.plan import LeapPlan
+from stancekit import Motion, Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
@@ -33,7 +32,7 @@ from stancekit.planners.verify.leaps import check_leap
 G = 9.81
 
 
-def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> LeapPlan:
+def forged(plan: Motion, size: float, kind: str, rng: np.random.Generator) -> Motion:
     """A leap with one fault; size: from 2 to 10, in units of what the verifier lets pass."""
     leap = plan.problem
     arrays = {
@@ -74,10 +73,10 @@ def forged(plan: LeapPlan, size: float, kind: str, rng: np.random.Generator) -> 
         case "another patch":
             choice = plan.choice.copy()
             choice[j] = (choice[j] + 1) % len(leap.footholds[j].candidates)
-            return LeapPlan(problem=leap, timing=plan.timing, choice=choice, **arrays)
+            return Motion(problem=leap, timing=plan.timing, choice=choice, **arrays)
         case "without rest":
             arrays["forces_n"][0, i] += step * leap.weight_n * direction
-    return LeapPlan(problem=leap, timing=plan.timing, choice=plan.choice, **arrays)
+    return Motion(problem=leap, timing=plan.timing, choice=plan.choice, **arrays)
 
 
 KINDS = (
@@ -94,12 +93,12 @@ KINDS = (
 )
 
 
-def judged(plan: LeapPlan) -> float:
+def judged(plan: Motion) -> float:
     """How far a plan is from a leap, by sums written here: closed forms of c, v, L; the largest
     violation, scaled.
     """
     leap = plan.problem
-    times, mass = plan.times_s, leap.robot.mass_kg
+    times, mass = plan.ends_s, leap.robot.mass_kg
     c, v, spun = (
         np.array(x) for x in (leap.start.com_m, leap.start.velocity_m_s, leap.start.momentum_m2_s)
     )
@@ -170,9 +169,9 @@ def main(options: Asked) -> None:
     refuted_choices(options, programs)
 
 
-def solved_and_cut(options: Asked, programs: Programs) -> list[LeapPlan]:
+def solved_and_cut(options: Asked, programs: Programs) -> list[Motion]:
     """Cuts that prove, of every scene, evaluated on the choices of it that are solved."""
-    plans: list[LeapPlan] = []
+    plans: list[Motion] = []
     evaluated, refuted, index, begin = 0, 0, 0, time.process_time()
     while evaluated < options.cuts and time.process_time() - begin < options.seconds:
         leap = leap_class("leap-hard").draw(np.random.default_rng([options.seed, 1, index]))
@@ -213,7 +212,7 @@ def solved_and_cut(options: Asked, programs: Programs) -> list[LeapPlan]:
     return plans
 
 
-def forgeries(options: Asked, honest: list[LeapPlan]) -> None:
+def forgeries(options: Asked, honest: list[Motion]) -> None:
     """Forged leaps, judged here and put to the verifier."""
     accepted, bad, number = 0, 0, 0
     own = max((judged(plan) for plan in honest[: options.forged]), default=0.0)

@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from _bench import Options, Row, launch, markdown
 
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
+from stancekit import Answer, Motion, Status
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import StepLimits
 from stancekit.planners.problem.course_file import read_course
@@ -115,14 +114,14 @@ def posed(course: Problem, kind: str, least: float) -> Problem:
     return replace(course, tilt_limit_rad=tilt, steps=steps)
 
 
-def timed(planner: TwoStage, course: Problem) -> tuple[Answer[Plan], float]:
+def timed(planner: TwoStage, course: Problem) -> tuple[Answer[Motion], float]:
     """An answer and its CPU seconds."""
     began = time.process_time()
     answer = planner.solve(course)
     return answer, time.process_time() - began
 
 
-def share(plan: Plan, course: Problem) -> float:
+def share(plan: Motion, course: Problem) -> float:
     """The shortest step over its least length."""
     return float((lengths_of(plan, course)[1] / course.least_steps).min())
 

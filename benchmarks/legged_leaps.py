@@ -24,7 +24,7 @@ import tyro
 from _bench import Lines, Options, launch, share
 
 from stancekit.motions import run
-from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
+from stancekit.planners.answer.plan import LEAP_BODY
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import read_leap
@@ -140,14 +140,12 @@ def stop(asked: Asked, path: Path) -> None:
     stances and its flight, and look at the robot again when its joints were held for a while.
     """
     accepted = Accepted.from_file(path)
-    leaps = isinstance(accepted.plan, LeapPlan)
-    plan = next(
-        p for p in getattr(accepted.plan, "parts", [accepted.plan]) if isinstance(p, LeapPlan)
-    )
+    leaps = accepted.plan.has("timing")
+    plan = next(p for p in accepted.plan.parts or [accepted.plan] if p.has("timing"))
     whole, alone = leap_motion(plan) if leaps else crossing_motion(accepted.plan), leap_motion(plan)
     begin = whole.committed_s[0][0] - alone.committed_s[0][0] + SETTLE_S
     lines = Lines(path.with_suffix(".stops.jsonl"), "instant")
-    for k, at in enumerate(np.linspace(0.0, float(plan.times_s[-1]), asked.instants)):
+    for k, at in enumerate(np.linspace(0.0, float(plan.ends_s[-1]), asked.instants)):
         if k not in lines.rows:
             lines.add(k, {"leap_s": round(float(at), 3)} | stopped(accepted, begin + float(at)))
     rows = list(lines.rows.values())

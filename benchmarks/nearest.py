@@ -37,11 +37,10 @@ import numpy as np
 from _bench import Options, Row, cell, launch, markdown
 from scipy.optimize import nnls
 
+from stancekit import Answer, Motion, Status
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.learners.evaluation.evaluate import Share
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.layout import Layout
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled, cones_met
@@ -129,7 +128,7 @@ def measured(
     """One row per method, on problems that the exact planner has an answer to; teacher: solves
     those that are known.
     """
-    known, asked, exact_s = list[Known](), list[tuple[Problem, Answer[Plan]]](), list[float]()
+    known, asked, exact_s = list[Known](), list[tuple[Problem, Answer[Motion]]](), list[float]()
     while len(known) < counts[0]:
         problem = draw()
         answer = teacher.solve(problem)
@@ -146,7 +145,7 @@ def measured(
     yield row("exact", [(True, s, 1.0) for s in exact_s])
     programs, solvers = Programs(), dict[Layout, Complementary]()
     cold = Micp(intervals=INTERVALS, time_limit_s=its.limit_s)
-    ways: dict[str, Callable[[Problem], Answer[Plan] | None]] = {
+    ways: dict[str, Callable[[Problem], Answer[Motion] | None]] = {
         "two-stage": quick.solve,
         "micp": cold.solve,
         "micp, near": partial(by_cells, programs, known, its.near),
@@ -187,7 +186,7 @@ def row(name: str, found: Sequence[tuple[bool, float, float]]) -> Row:
     }
 
 
-def of(problem: Problem, answer: Answer[Plan]) -> Known:
+def of(problem: Problem, answer: Answer[Motion]) -> Known:
     """A solved problem as one to start from."""
     plan = answer.solution
     assert plan is not None
@@ -241,7 +240,7 @@ def nearest_of(known: Sequence[Known], scaled: Scaled, count: int) -> list[Known
 
 def accepted(
     programs: Programs, problem: Problem, scaled: Scaled, choice: Array, start: Point, method: str
-) -> Answer[Plan] | None:
+) -> Answer[Motion] | None:
     """The verified plan that a point projects to, None where there is none."""
     chosen = scaled.chosen(choice)
     point = project(programs, "scp", chosen, start)
@@ -255,7 +254,7 @@ def accepted(
 
 def by_cells(
     programs: Programs, known: Sequence[Known], near: int, problem: Problem
-) -> Answer[Plan] | None:
+) -> Answer[Motion] | None:
     """MICP with all binaries from a neighbour, the next one where it has no answer."""
     scaled = Scaled.of(problem)
     for one in nearest_of(known, scaled, near):
@@ -281,7 +280,7 @@ def by_points(
     known: Sequence[Known],
     near: int,
     problem: Problem,
-) -> Answer[Plan] | None:
+) -> Answer[Motion] | None:
     """Complementarity constraints from a neighbour's point, the next one where IPOPT fails; from the
     middle of everything without neighbours.
     """

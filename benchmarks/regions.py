@@ -24,9 +24,8 @@ from _bench import Options, kept, launch
 from rich.console import Console
 from rich.table import Table
 
+from stancekit import Answer, Motion, Status
 from stancekit.envs.distributions.courses import icy_walls
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
@@ -61,7 +60,7 @@ class Peer:
     def __init__(self, name: str, programs: Programs, time_limit_s: float) -> None:
         self.name, self._programs, self._limit = name, programs, time_limit_s
 
-    def solve(self, course: Problem) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Motion]:
         """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP:
         the cones.
         """

@@ -27,10 +27,9 @@ from _bench import Options, cell, launch
 from published.kinematic import SOLVERS, KinematicPlanner
 from published.scene import SCENES, read_scene
 
+from stancekit import Answer, Motion, Status
 from stancekit.files import save
 from stancekit.pictures import draw
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json
@@ -134,7 +133,7 @@ def measure(scene: str, method: str, arguments: Arguments) -> dict[str, Any]:
     return {**row, **_answer(course, outcome), "cpu_s": cpu_s}
 
 
-def _solved(course: Problem, scene: str, method: str, time_limit_s: float) -> Answer[Plan]:
+def _solved(course: Problem, scene: str, method: str, time_limit_s: float) -> Answer[Motion]:
     if method in KINEMATIC:
         choice, _, solver = method.partition("-")
         planner = KinematicPlanner(
@@ -149,7 +148,7 @@ def _solved(course: Problem, scene: str, method: str, time_limit_s: float) -> An
     )
 
 
-def _answer(course: Problem, outcome: Answer[Plan]) -> dict[str, Any]:
+def _answer(course: Problem, outcome: Answer[Motion]) -> dict[str, Any]:
     details, claimed = outcome.details, outcome.claim == "feasible"
     message = outcome.message
     if outcome.certificate is not None:

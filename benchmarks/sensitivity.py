@@ -29,7 +29,6 @@ from _robot_step import scene_course
 from _wrong import Wrong
 from walks import ROBOTS, planned as walk_file, robot_file
 
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course, spec_from
@@ -154,10 +153,10 @@ def climb(course: Problem, path: Path) -> Accepted | str:
 
 def ran(content: Accepted, wrong: Wrong, world: str, press_hz: float) -> RunReport:
     """One run, whatever the joints' limits."""
-    feedback, gait = ContactFeedback(press_hz=press_hz), isinstance(content.plan, Trajectory)
+    feedback, gait = ContactFeedback(press_hz=press_hz), content.plan.has("times_s")
     tolerance = Tolerance(body_m=0.3, body_rad=0.8) if gait else Tolerance()
     settings = RunSettings(check_limits=False, feedback=feedback, tolerance=tolerance)
-    if isinstance(content.plan, Trajectory):
+    if gait:
         robot, gravity, terrain = content.robot, content.gravity_m_s2, wrong.ground(content)
         made = make_world(world, robot, gravity_m_s2=gravity, imperfections=wrong.imperfections)
         return Runner(made, settings=settings).run(content, terrain)

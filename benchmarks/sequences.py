@@ -41,7 +41,7 @@ class Sequences(Options):
     """Rows as they come; a run that was stopped goes on from them."""
 
 
-def rows_of(plan: stancekit.Plan) -> Rows:
+def rows_of(plan: stancekit.Motion) -> Rows:
     """What a plan puts down, as a file of another tool would say it."""
     course, footholds = plan.problem, plan.problem.footholds
     patches = [course.patch(j, plan.choice) for j in range(len(footholds))]

@@ -25,7 +25,7 @@ from typing import Annotated, Any
 import tyro
 from _bench import Options, kept, launch
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.course_file import read_course
@@ -72,7 +72,7 @@ def of_course(path: Path, arguments: Arguments) -> list[dict[str, Any]]:
     named = f"{arguments.actuators or arguments.servo_nm}-{arguments.torque_nm:g}"
 
     @cache
-    def plan() -> Plan | str:
+    def plan() -> Motion | str:
         return planned(path, arguments.torque_nm, arguments.folder)
 
     def measured(world: str) -> dict[str, Any]:
@@ -92,7 +92,7 @@ def of_course(path: Path, arguments: Arguments) -> list[dict[str, Any]]:
     return rows
 
 
-def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Plan | str:
+def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Motion | str:
     """An accepted plan within the torque, or why there is none. folder: where plans are kept."""
     file = folder and folder / f"{path.stem}-{torque_nm:g}-plan.json"
     if file and file.exists():

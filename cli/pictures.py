@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from .console import progress
 
 if TYPE_CHECKING:
-    from stancekit import Crossing, LeapPlan, Plan, Trajectory
+    from stancekit import Motion
     from stancekit.runner.report import Execution
 
 
@@ -156,7 +156,7 @@ def share_methods() -> None:
 
 
 def show(
-    motion: Plan | LeapPlan | Crossing | Trajectory,
+    motion: Motion[Any],
     executed: Execution | None = None,
     *,
     picture: Path | None = None,

@@ -35,14 +35,9 @@ from .solve import Between
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit import (
-        Answer,
-        Crossing,
-        Leap,
-        LeapFinder,
-        LeapPlan,
-        Plan,
-    )
+    from stancekit import Answer, Leap, LeapFinder, Motion
+    from stancekit.planners.answer.certificate import Crossing
+    from stancekit.planners.answer.plan import LeapPlan, Plan
     from stancekit.planners.search.answer import Planner, PlanSettings
 
 
@@ -200,22 +195,20 @@ def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
 
 def _frames(answer: Answer[Any]) -> int | None:
     """The number of key frames; None of a leap, and of a crossing, whose parts have their own."""
-    from stancekit import Crossing
-
-    crosses = isinstance(answer.solution, Crossing)
+    crosses = answer.solution is not None and answer.solution.has("parts")
     return None if crosses else getattr(answer.problem, "frames", None)
 
 
 def _lines(answer: Answer[Any]) -> Iterator[str]:
     """Lines about what was found, below its table."""
-    from stancekit import Crossing, LeapPlan
-
     solution = answer.solution
-    if isinstance(solution, Crossing):
+    if solution is None:
+        return
+    if solution.has("parts"):
         yield from _crossing_lines(answer, solution)
-    elif isinstance(solution, LeapPlan):
+    elif solution.has("timing"):
         yield from _leap_lines(answer, solution)
-    elif solution is not None:
+    else:
         yield from _course_lines(answer, solution)
 
 
@@ -283,18 +276,16 @@ def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
 
 
 def _crossing_lines(answer: Answer[Crossing], crossing: Crossing) -> Iterator[str]:
-    from stancekit import LeapPlan
-
     assert answer.report is not None
-    yield f"key frames alone: {crossing.refusal}"
-    if crossing.certificate is not None:
+    yield f"key frames alone: {crossing.problem.refusal}"
+    if crossing.problem.certificate is not None:
         from stancekit.planners.verify import explain
 
-        yield f"  proved: {explain(crossing.certificate).message}"
+        yield f"  proved: {explain(crossing.problem.certificate).message}"
     for k, part in enumerate(crossing.parts, 1):
         first, last = (part.com_m[i] for i in (0, -1))
         way = f"from ({first[0]:.2f}, {first[1]:.2f}) to ({last[0]:.2f}, {last[1]:.2f})"
-        if isinstance(part, LeapPlan):
+        if part.has("timing"):
             phases = part.problem.timings_s[part.timing]
             yield f"{k}: leap {way}, phases of {', '.join(f'{s:.2f}' for s in phases)} s"
         else:
@@ -348,17 +339,15 @@ def _record(answer: Answer[Any], reason: str) -> dict[str, Any]:
     return record
 
 
-def _solution_record(solution: Plan | LeapPlan | Crossing) -> dict[str, Any]:
-    from stancekit import Crossing, LeapPlan
-
-    if isinstance(solution, Crossing):
+def _solution_record(solution: Motion[Any]) -> dict[str, Any]:
+    if solution.has("parts"):
         return {
-            "refusal": solution.refusal,
-            "proved": solution.certificate is not None,
-            "parts": ["leap" if isinstance(part, LeapPlan) else "climb" for part in solution.parts],
+            "refusal": solution.problem.refusal,
+            "proved": solution.problem.certificate is not None,
+            "parts": ["climb" if part.keyed else "leap" for part in solution.parts],
         }
     record = {"plan": {name: array.tolist() for name, array in solution.arrays().items()}}
-    if isinstance(solution, LeapPlan):
+    if solution.has("timing"):
         return record
     return {
         **record,

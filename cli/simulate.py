@@ -20,7 +20,7 @@ from .pictures import show
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit import Crossing, LeapPlan, Plan, RunReport, Trajectory
+    from stancekit import Motion, RunReport
     from stancekit.runner.report import Execution
     from stancekit.runner.worlds.world import JointBus
 
@@ -136,7 +136,7 @@ class Simulate:
 
     def run(self) -> int:
         """Read, execute, compare."""
-        from stancekit import RunSettings, Trajectory
+        from stancekit import RunSettings
         from stancekit.motions import WORLDS, accepted_of, check_run, simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.motion.plan_motion import Timing
@@ -146,7 +146,7 @@ class Simulate:
         check_drawn(self.picture, self.video)
         check_out(self.out, ".npz")
         accepted = accepted_of(self.plan)
-        if self.picture is not None and isinstance(accepted.plan, Trajectory):
+        if self.picture is not None and accepted.plan.has("times_s"):
             raise InvalidInput(
                 "--picture: expected none with a walk: --video films what was executed"
             )
@@ -183,7 +183,7 @@ class Simulate:
             say_written(self.picture, self.video, self.out, word="written: {}")
         return 0 if report.succeeded else 1
 
-    def _write(self, motion: Plan | Trajectory | LeapPlan | Crossing, execution: Execution) -> None:
+    def _write(self, motion: Motion[Any], execution: Execution) -> None:
         if self.out is not None:
             from stancekit.planners.files.writing import write_bytes
 

@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any, TypeVar
 
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import check_numbers, checked
@@ -112,7 +113,7 @@ def push(step: Judged | Step) -> float:
 
 def _least_margin(step: Judged | Step, name: str) -> float:
     plan = step.posture if isinstance(step, Judged) else step.answer
-    if not isinstance(plan, Plan):
+    if not isinstance(plan, Motion) or not plan.keyed:
         return 0.0
     compiled()  # as there are many steps
     return float(

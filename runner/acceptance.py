@@ -23,7 +23,6 @@ from packaging.requirements import Requirement
 
 from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -247,7 +246,7 @@ def thermal_load(squares: Array, constants_s: Array, period_s: float) -> Array:
     return np.where(np.isnan(constants_s), squares.mean(axis=0), worst)
 
 
-S = TypeVar("S", bound=Motion)
+S = TypeVar("S", bound=Motion[Any])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -272,10 +271,10 @@ class Accepted(Generic[S]):
         rejects now (a digest shows that a file is whole, not that it is right), for one without a
         motion, and for a robot whose joints are not known.
         """
-        motion, content = read_motion(path, Motion)
+        motion, content = read_motion(path)
         if not (content["verified"] and content["verdict"].get("accepted")):
             raise InvalidInput(
-                f"{path}: expected a {motion.WORD} that the verifier accepted, this one it rejected"
+                f"{path}: expected a {motion.word} that the verifier accepted, this one it rejected"
             )
         return Accepted.verified(motion, str(path))
 
@@ -293,7 +292,7 @@ class Accepted(Generic[S]):
     def robot(self) -> Robot:
         """The robot that moves."""
         robot = self.plan.robot
-        return walking_robot(robot) if isinstance(self.plan, Trajectory) else robot
+        return walking_robot(robot) if self.plan.has("times_s") else robot
 
     @property
     def name(self) -> str:
@@ -328,30 +327,30 @@ def check_fits(accepted: Accepted[Plan], world: SafeWorld) -> None:
         )
 
 
-def _check_to_run(motion: Motion, source: str) -> Report[Any]:
+def _check_to_run(motion: Motion[Any], source: str) -> Report[Any]:
     """The verdict on a motion.
 
     Raises InvalidInput for one that is rejected, or that no runner executes.
     """
-    if isinstance(motion, Plan):
+    if motion.keyed:
         motion.problem.check_whole()
     report = judged(motion)
     if not report.accepted:
         raise InvalidInput(
-            f"{source}: expected a {motion.WORD} that the verifier accepts, {report.message}"
+            f"{source}: expected a {motion.word} that the verifier accepts, {report.message}"
         )
     if hindrance := report.hindrance:
         raise InvalidInput(
-            f"{source}: expected a {motion.WORD} that can be executed, this one cannot: {hindrance}"
+            f"{source}: expected a {motion.word} that can be executed, this one cannot: {hindrance}"
         )
     return report
 
 
-def judged(motion: Motion) -> Report[Any]:
+def judged(motion: Motion[Any]) -> Report[Any]:
     """The verifier on a motion; of a plan on joints and bodies, too, where it has
     angles or the robot has legs of its own.
     """
-    known = not isinstance(motion, Plan) or (motion.joints_rad is not None or motion.robot.own)
+    known = not motion.keyed or (motion.joints_rad is not None or motion.robot.own)
     return judge(motion, joints=known)
 
 

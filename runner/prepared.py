@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -105,31 +105,29 @@ class Prepared(Tracked):
     @property
     def counted(self) -> str:
         """What its progress counts."""
-        return "key frames" if isinstance(self.accepted.plan, Plan) else "seconds"
+        return "key frames" if self.accepted.plan.keyed else "seconds"
 
     @property
     def last_frame(self) -> float:
         """Progress at its end."""
         plan = self.accepted.plan
-        return plan.problem.frames - 1 if isinstance(plan, Plan) else self.motion.duration_s
+        return plan.problem.frames - 1 if plan.keyed else self.motion.duration_s
 
     @property
     def ends_m(self) -> tuple[Array, Array]:
         """Places at which the centre of mass begins and ends, shape (3,) each [m]."""
-        match self.accepted.plan:
-            case Trajectory() as walk:
-                return walk.torso_m[0], walk.torso_m[-1]
-            case Crossing(parts=parts):
-                return parts[0].com_m[0], parts[-1].com_m[-1]
-            case plan:
-                return plan.com_m[0], plan.com_m[-1]
+        plan = self.accepted.plan
+        ways = [
+            plan.torso_m if plan.has("times_s") else part.com_m for part in plan.parts or [plan]
+        ]
+        return ways[0][0], ways[-1][-1]
 
     def entry(self, world: SafeWorld) -> dict[str, Any]:
         """Entry of a log before the run."""
         limbs = {leg.name: list(leg.joint_names) for leg in self.kinematics.model.legs}
         plan, (start_m, goal_m) = self.accepted.plan, self.ends_m
         path: dict[str, Any] = {"start_m": start_m, "goal_m": goal_m}
-        if isinstance(plan, Plan):
+        if plan.keyed:
             path = {"com_m": plan.com_m, "toes_m": plan.toes_m, "holds": plan.problem.holds}
         return {
             "digest": self.accepted.digest,
@@ -180,13 +178,10 @@ def prepare(
             moves.
     """
     _check_settings(settings, world)
-    match accepted.plan:
-        case Plan():
-            return _of_plan(accepted, world, settings, resumption)
-        case Trajectory():
-            return _of_gait(accepted, world, settings)
-        case _:
-            return _of_leaps(accepted, world, settings)
+    if accepted.plan.keyed:
+        return _of_plan(accepted, world, settings, resumption)
+    prepared = _of_gait if accepted.plan.has("times_s") else _of_leaps
+    return prepared(accepted, world, settings)
 
 
 def _of_plan(
@@ -293,7 +288,7 @@ def _of_leaps(accepted: Accepted[Any], world: SafeWorld, settings: RunSettings) 
     _check_leaps(settings, world)
     kinematics, subject = _kinematics(accepted, world), accepted.plan
     ground = accepted.plan.ground()
-    if isinstance(subject, LeapPlan):
+    if subject.has("timing"):
         assert isinstance(ground, tuple)
         motion = leap_motion(subject)
         surfaces: Solids = tuple(patch.solid for patch in ground)
@@ -349,7 +344,7 @@ def _paced(
     """
     sees, feet = (
         _sees_feet(world, settings),
-        _WALKING if isinstance(accepted.plan, Trajectory) else _LEAPING,
+        _WALKING if accepted.plan.has("times_s") else _LEAPING,
     )
     tracker = Tracker(
         followed,

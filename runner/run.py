@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.leg import Actuators
@@ -229,7 +228,7 @@ class Runner:
         """
         assert self.state is not None
         plan = None if self._prepared is None else self._prepared.accepted.plan
-        self.world.leaps = isinstance(plan, LeapPlan | Crossing)
+        self.world.leaps = plan is not None and (plan.has("timing") or plan.has("parts"))
         source = body_from(self.world, self.settings)
         kinematics, rate_hz = tracked.tracker.kinematics, self.world.rate_hz
         odometry = LegOdometry(kinematics, tracked.first, rate_hz, felt=tracked.sees)
@@ -275,7 +274,7 @@ class Runner:
         wrench: Array | None = None
         if self.settings.wrench is not None:
             wrench = np.array(self.settings.wrench)
-        elif self._prepared is not None and isinstance(self._prepared.accepted.plan, Plan):
+        elif self._prepared is not None and self._prepared.accepted.plan.keyed:
             wrench = self._prepared.accepted.plan.problem.wrench_at(frame)
         if wrench is not None:
             self.world.carry(wrench)

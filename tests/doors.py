@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 
 import stancekit
+from stancekit import Answer, Motion, Status
 from stancekit.cli.main import parse, run
 from stancekit.cli.solve import Between
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import read_evidence
 from stancekit.planners.problem import Problem
@@ -248,7 +247,7 @@ def by_command(question: Question, folder: Path) -> Reply:
     file = question.file(folder)
     record = _command("plan", file, "--json", "--proof", proof, "--out", plan, *options)
     if record["status"] == "feasible":
-        arrays = _arrays(stancekit.load(plan, Plan))
+        arrays = _arrays(stancekit.load(plan, Motion))
         return Reply(status="feasible", objective=record["objective"], plan=arrays)
     proved = digest_of(read_evidence(proof)[0].problem) if proof.exists() else ""
     return Reply(status=record["status"], proved=proved)
@@ -385,13 +384,17 @@ def _reply(outcome: Answer[Any]) -> Reply:
         assert stancekit.verify(outcome.certificate).accepted
         assert stancekit.explain(outcome).relaxations
         proved = digest_of(outcome.problem)
-    planned = isinstance(outcome.solution, Plan) and outcome.status is Status.FEASIBLE
+    planned = (
+        outcome.solution is not None
+        and outcome.solution.keyed
+        and outcome.status is Status.FEASIBLE
+    )
     objective = outcome.objective if planned else math.nan
     plan = _arrays(outcome.solution) if planned else ""
     return Reply(status=outcome.status.value, proved=proved, objective=objective, plan=plan)
 
 
-def _arrays(plan: Plan) -> str:
+def _arrays(plan: Motion) -> str:
     """SHA-256 of the arrays of a plan."""
     names = ("com_m", "rotation_rad", "toes_m", "choice", "forces_n")
     data = b"".join(np.ascontiguousarray(getattr(plan, name)).tobytes() for name in names)

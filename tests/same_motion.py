@@ -7,8 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import Motion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S
 from stancekit.planners.motion.motion import Samples, stacked
@@ -60,14 +59,12 @@ class Comparison:
     looked: int
 
 
-def compared(
-    subject: Plan | Trajectory, rate_hz: float = 100.0, *, blind: bool = True
-) -> Comparison:
+def compared(subject: Motion, rate_hz: float = 100.0, *, blind: bool = True) -> Comparison:
     """Run a plan or a walk in MuJoCo, and compare what was sent with the pictures of its film.
 
     blind: the run uses nothing that is measured; else what its feet feel is fed back.
     """
-    view = GaitView(subject) if isinstance(subject, Trajectory) else PlanView(subject)
+    view = PlanView(subject) if subject.keyed else GaitView(subject)
     targets = streamed_targets(subject, rate_hz, blind=blind)
     film = view.film()
     times: Array = np.arange(len(film.moments)) * np.float64(film.step_s) + WALK_SETTLE_S
@@ -84,12 +81,10 @@ def compared(
     return Comparison(differs=differs, looked=len(kept))
 
 
-def streamed_targets(
-    subject: Plan | Trajectory, rate_hz: float, *, blind: bool = True
-) -> tuple[Target, ...]:
+def streamed_targets(subject: Motion, rate_hz: float, *, blind: bool = True) -> tuple[Target, ...]:
     """What a run in MuJoCo streams from the beginning of the motion to its end."""
     settings = RunSettings(blind=blind, body=BodyFeedback())
-    if isinstance(subject, Plan):
+    if subject.keyed:
         accepted: Accepted = Accepted.verified(subject, "plan")
         robot, ground = subject.problem.robot, cast("Terrain", subject.problem.terrain)
     else:

@@ -47,7 +47,7 @@ print(stancekit.explain(outcome.certificate).message)
 found = stancekit.plan("stairs", frames=3)
 assert found.solution is not None
 stancekit.save(found.solution, "climb.json")
-again = stancekit.load("climb.json", stancekit.Plan)
+again = stancekit.load("climb.json", stancekit.Motion)
 report = stancekit.verify(again)
 print(report.accepted, again.toes_at(0).shape, report.worst + 1.0 < 1.1)
 rows = stancekit.label("wall-3", "train", rows=(4, 4))
@@ -65,7 +65,7 @@ WRONG = """
 import stancekit
 
 stancekit.solve("wall-3")
-stancekit.load("climb.json", stancekit.Plan).toes
+stancekit.load("climb.json", stancekit.Motion).toes
 stancekit.slove
 """
 

@@ -66,7 +66,7 @@ def lay_out(folder: Path) -> dict[str, Any]:
     np.save(folder / "flat.npy", np.zeros((41, 41)))
     np.save(folder / "row.npy", np.zeros(9))
     plan = stancekit.plan("walls", frames=2).solution
-    assert isinstance(plan, stancekit.Plan)
+    assert plan.keyed
     stancekit.save(plan, folder / "plan.json")
     stancekit.save(replace(plan, forces_n=1.1 * plan.forces_n), folder / "pushed.json")
     text = (folder / "plan.json").read_text(encoding="utf-8")
@@ -85,7 +85,7 @@ def lay_out(folder: Path) -> dict[str, Any]:
     }
 
 
-def _run(plan: stancekit.Plan, **faults: Any) -> str:
+def _run(plan: stancekit.Motion, **faults: Any) -> str:
     """The message of a run on servos in memory, with attributes of the world set before."""
     world = MemoryWorld()
     for name, value in faults.items():

@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Played, Samples
@@ -75,7 +75,7 @@ class LeapView(View):
         execution: measured motion in a world, in place of the planned one.
     """
 
-    subject: LeapPlan | Crossing
+    subject: Motion[Any]
     execution: Execution | None = field(default=None, kw_only=True)
 
     @property
@@ -89,9 +89,9 @@ class LeapView(View):
         return self.subject.name
 
     @property
-    def parts(self) -> Sequence[Plan | LeapPlan]:
+    def parts(self) -> Sequence[Motion[Any]]:
         """The climbs and leaps, in order."""
-        return self.subject.parts if isinstance(self.subject, Crossing) else (self.subject,)
+        return self.subject.parts or (self.subject,)
 
     @property
     def judged(self) -> str:
@@ -127,7 +127,7 @@ class LeapView(View):
     @cached_property
     def offered(self) -> list[Patch]:
         """Surfaces that are shown: the terrain, or every patch that a leap's toes were offered."""
-        if isinstance(self.subject, Crossing):
+        if self.subject.has("parts"):
             return list(self.subject.problem.terrain)
         footholds = self.subject.problem.footholds
         return list({id(p): p for foothold in footholds for p in foothold.candidates}.values())
@@ -151,7 +151,7 @@ class LeapView(View):
     def goal_m(self) -> Array:
         """Place where the centre of mass is to end, shape (3,) [m]."""
         last = self.parts[-1]
-        return last.problem.goal.com_m if isinstance(last, LeapPlan) else last.problem.goal_m
+        return np.asarray(last.problem.goal_m if last.keyed else last.problem.goal.com_m)
 
     @cached_property
     def path_m(self) -> Array:
@@ -167,7 +167,7 @@ class LeapView(View):
         """
         mounts = np.array([limb.shoulder_m for limb in self.robot.limbs])
         bodies = (self.path_m[:, None] + mounts).reshape(-1, 3)
-        if isinstance(self.subject, Crossing):
+        if self.subject.has("parts"):
             return np.array([bodies.min(axis=0) - _ABOUT_M, bodies.max(axis=0) + _ABOUT_M])
         points = np.concatenate([*(patch.vertices_m for patch in self.offered), bodies])
         return np.array([points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M])
@@ -214,7 +214,7 @@ class LeapView(View):
     def at(self, now: Samples) -> Scene:
         """The robot at a time, and the forces of feet that stand in cones of their friction."""
         bodies = self.bodies(now)
-        if isinstance(self.subject, LeapPlan):
+        if self.subject.has("timing"):
             bodies += [self._windows[int(p)] for p in np.unique(now.foothold[now.stands])]
         loaded = now.stands & (np.asarray(now.along_n) > 0.0)
         for i in np.flatnonzero(loaded).tolist():
@@ -272,7 +272,7 @@ class LeapView(View):
 
     def pace_at(self, time_s: float) -> float:
         """Pace at which a moment of the motion is shown."""
-        if isinstance(self.subject, LeapPlan) and not self.flights_s:
+        if self.subject.has("timing") and not self.flights_s:
             return _LEAPS
         near = any(begin - _ABOUT_S <= time_s < end + _ABOUT_S for begin, end in self.flights_s)
         return _LEAPS if near else _CLIMBS
@@ -313,7 +313,7 @@ class LeapView(View):
     def _word(self, time_s: float, now: Samples) -> str:
         """Word for what goes on at a time."""
         if self.pace_at(time_s) == _CLIMBS:
-            return "key frames" if isinstance(self.subject, Crossing) else "rest"
+            return "key frames" if self.subject.has("parts") else "rest"
         return "stance" if now.stands.any() else "flight"
 
     @property
@@ -341,10 +341,8 @@ class LeapView(View):
         if self.execution is not None:
             done = "done" if self.execution.succeeded else "failed"
             result.append(f"{self.execution.world}: {done}")
-        if isinstance(self.subject, Crossing):
-            result.append(
-                ", ".join("leap" if isinstance(p, LeapPlan) else "climb" for p in self.parts)
-            )
+        if self.subject.has("parts"):
+            result.append(", ".join("climb" if part.keyed else "leap" for part in self.parts))
         for begin, end in self.flights_s:
             result.append(f"takes off at {begin:.2f} s, flies for {end - begin:.2f} s")
         return [*result, *([] if self.execution else [self.judged]), SCALE]
@@ -352,7 +350,7 @@ class LeapView(View):
 
 @DEFAULT_STYLE
 def draw_leap(
-    subject: LeapPlan | Crossing,
+    subject: Motion[Any],
     execution: Execution | None = None,
     *,
     caption: str = "",

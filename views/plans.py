@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
-from stancekit.planners.answer.plan import Plan, patches_of
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -290,7 +290,7 @@ class PlanView(View):
     @cached_property
     def chosen(self) -> list[Patch]:
         """The patch of every foothold."""
-        return patches_of(self.plan)
+        return self.plan.patches
 
     @cached_property
     def bounds_m(self) -> Array:

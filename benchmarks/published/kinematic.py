@@ -26,8 +26,7 @@ from typing import ClassVar, Literal, get_args
 import cvxpy as cp
 import numpy as np
 
-from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.plan import Plan
+from stancekit import Answer, Motion
 from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
@@ -122,7 +121,7 @@ class KinematicPlanner:
             )
         return None, model.status
 
-    def solve(self, course: Problem) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Motion]:
         """Plan one course; details: ``placed``, ``cpu_s`` of it, ``tried``; ``worst`` violation as
         planned, ``freed``.
 
@@ -173,7 +172,7 @@ class KinematicPlanner:
             choices = model.by_integers(self.solver, self.time_limit_s, clock)
             yield from [] if choices is None else [choices]
 
-    def _with_forces(self, course: Problem, placed: Placed, *, hold_body: bool) -> Plan:
+    def _with_forces(self, course: Problem, placed: Placed, *, hold_body: bool) -> Motion:
         """The plan with the forces that leave least moment, the body held or free."""
         scaled = Scaled.of(course)
         chosen, scale = scaled.chosen(placed.choice), scaled.length_m

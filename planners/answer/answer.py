@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from ..problem import Problem
 from ..problem.leap import Leap
 from ..problem.passage import Passage
-from .certificate import Certificate, Crossing
-from .plan import LeapPlan, Plan
+from .certificate import Certificate
+from .motion import Motion
 from .report import Report
-from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ..problem.walk import Walk
     from ..robot.reach_sets import Sets
 
-S = TypeVar("S", bound=Plan | LeapPlan | Crossing | Trajectory, covariant=True)
+S = TypeVar("S", bound=Motion[Any], covariant=True)
 UNBOUNDED = 1e6
 """Stands in files for a lower bound of infinity: the problem has no answer even without its moment
 balance."""
@@ -175,7 +174,7 @@ class Answer(Generic[S]):
             "seconds": self.effort.compile_s + self.effort.seconds,
             "solves": self.effort.solves,
         }
-        if isinstance(self.solution, Plan) and self.solution.problem.is_posture:
+        if self.solution is not None and not self.solution.problem.counts:
             record |= self.solution.to_json()
         further = {"claim": self.claim, "message": self.message, "details": _finite(self.details)}
         further |= {"doubts": list(self.doubts)}

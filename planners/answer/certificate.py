@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -17,8 +17,7 @@ from ..problem.leap import Leap
 from ..problem.passage import Passage
 from ..robot.model import Robot
 from ..terrain.patch import Patch
-from .motion import Evidence, Motion, dulled, held, left_unchecked
-from .plan import LeapPlan, Plan
+from .motion import Evidence, Motion, held, left_unchecked
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
@@ -170,80 +169,67 @@ class Certificate(Evidence):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Crossing(Motion):
-    """A way over a course in several parts: climbs by key frames, and leaps over the gaps between
-    them.
-
-    Nothing is checked here: ``verify`` does it.
+class Way:
+    """A way over a course that key frames alone do not cross: climbs by key frames, and leaps over
+    the gaps between them, which are the parts of the ``Motion`` that answers it.
 
     Arguments:
         name: name of the course.
-        parts: plans of key frames and of leaps in order, the first of key frames.
+        course: the course of the first climb, which has all of the terrain.
         refusal: reason why key frames alone do not cross, in words.
         certificate: proof that no balanced motion leads from start to goal, with that passage as its
             problem; None where nothing is proved.
-        provenance: origin, names to texts or numbers.
     Source:
         None: Lin et al. for the climbs, Newton and Euler for the leaps.
 
     Example:
         >>> import stancekit
-        >>> way = stancekit.load("crossing.json")  # doctest: +SKIP
-        >>> [type(part).__name__ for part in way.parts]  # doctest: +SKIP
-        ['Plan', 'LeapPlan', 'Plan']
+        >>> crossing = stancekit.load("crossing.json")  # doctest: +SKIP
+        >>> [part.word for part in crossing.parts]  # doctest: +SKIP
+        ['plan', 'leap', 'plan']
     """
 
     FORMAT: ClassVar[str] = "stancekit/crossing/1"
-    WORD: ClassVar[str] = "crossing"
+    word: ClassVar[str] = "crossing"
+    counts: ClassVar[str] = "s"
     name: str
-    parts: tuple[Plan | LeapPlan, ...]
+    course: Problem
     refusal: str = ""
     certificate: Certificate | None = None
-    provenance: Mapping[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "parts", tuple(self.parts))
-        if not self.parts or not isinstance(self.parts[0], Plan):
-            raise InvalidInput(
-                f"crossing {self.name}: expected parts of which the first is a plan of key frames"
-            )
-        for k, part in enumerate(self.parts):
-            if not isinstance(part, Plan | LeapPlan) or (
-                isinstance(part, Plan) and part.problem.is_posture
-            ):
-                raise InvalidInput(
-                    f"crossing {self.name}: parts[{k}]: expected a plan of key frames or of a leap, got a {type(part).__name__}"
-                )
-
-    def __repr__(self) -> str:
-        words = ", ".join("climb" if isinstance(part, Plan) else "leap" for part in self.parts)
-        return f"Crossing({self.name}: {words})"
 
     @property
-    def question(self) -> dict[str, Any]:
-        """The way as JSON-ready values: its parts, and what key frames alone came to."""
+    def robot(self) -> Robot:
+        """The robot that crosses."""
+        return self.course.robot
+
+    @property
+    def terrain(self) -> tuple[Patch, ...]:
+        """Every surface that there is."""
+        return self.course.terrain
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """Gravity that it counts on [m/s²]."""
+        return self.course.gravity_m_s2
+
+    def columns(self, rows: int = 0) -> dict[str, tuple[int, ...]]:
+        """None: all arrays are those of the parts."""
+        return {}
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it: all of it has to be checked."""
+        return left_unchecked(unchecked)
+
+    def to_json(self) -> dict[str, Any]:
+        """The way as JSON-ready values, in which its parts have a place."""
+        proof = self.certificate
         return {
             "format": self.FORMAT,
             "name": self.name,
             "refusal": self.refusal,
-            "parts": [part.content() for part in self.parts],
-            "certificate": None if self.certificate is None else self.certificate.content(),
+            "parts": [],
+            "certificate": None if proof is None else proof.content(),
         }
 
-    @property
-    def problem(self) -> Problem:
-        """The course of the first climb, which has all of the terrain."""
-        problem = self.parts[0].problem
-        assert isinstance(problem, Problem)
-        return problem
 
-    def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...]:
-        """Every surface that there is, with this share of its friction."""
-        return dulled(self.problem.terrain, friction_share)
-
-    def hindrance(self, unchecked: Sequence[str]) -> str:
-        """The reason why no runner executes it: all of it has to be checked, a leap among it."""
-        if not any(isinstance(part, LeapPlan) for part in self.parts):
-            return "it has no leap among its parts"
-        parts = (part.hindrance(()) for part in self.parts if isinstance(part, Plan))
-        return left_unchecked(unchecked) or next(filter(None, parts), "")
+Crossing = Motion[Way]

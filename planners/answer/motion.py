@@ -1,7 +1,8 @@
 """Evidence that an answer rests on, a motion or a proof that there is none: a question, and arrays
 that answer it.
 
-What files, digests and reports need of it stands here once, whatever the question is.
+One ``Motion`` answers every question: a posture or a course (key frames), a walk (samples), a leap
+(intervals) and a way of several parts. Which columns it has is for the question to say.
 """
 
 from __future__ import annotations
@@ -10,22 +11,28 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import cached_property
 from ..errors import InvalidInput
+from ..files.arrays import Array
 from ..files.codec import embedded
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
+from ..robot.robot_file import joint_names
 
 if TYPE_CHECKING:
+    from ..problem import Problem
+    from ..problem.leap import Leap
     from ..robot.model import Robot
     from ..terrain.obstacles import Ground
-    from ..terrain.patch import Patch
-
+    from ..terrain.patch import Frame, Patch
+    from .certificate import Way
+    from .trajectory import WalkQuestion
 
 KINDS: Mapping[str, type] = {
     **dict.fromkeys(("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad"), np.float64),
@@ -56,10 +63,10 @@ def held(thing: Any, kind: type, *names: str) -> None:
 class Evidence:
     """Base of what answers a question by arrays."""
 
-    BODY: ClassVar[tuple[str, ...]] = ()
-    """The verifier's groups of the whole body, beside those of contacts."""
-    MOMENT: ClassVar[str] = ""
-    """What its moments count: "frame" or "interval"; seconds where empty."""
+    @property
+    def word(self) -> str:
+        """What it is called in messages."""
+        return "proof"
 
     @property
     def question(self) -> dict[str, Any]:
@@ -80,13 +87,13 @@ class Evidence:
         """Names of rows and columns of the arrays, for whoever reads a file with NumPy alone."""
         return {}
 
+    def has(self, *columns: str) -> bool:
+        """Tell whether all of these columns are known."""
+        return all(getattr(self, name, None) is not None for name in columns)
+
     def moment(self, when: float) -> str:
         """A time of the motion, in words, for messages of the verifier."""
-        if not self.MOMENT:
-            return f"at {when:.3f} s"
-        share, frame = math.modf(when)
-        word = f"{self.MOMENT} {frame:.0f}"
-        return f"{word}, {share:.0%} of the way to {self.MOMENT} {frame + 1:.0f}" if share else word
+        return f"at {when:.3f} s"
 
     def hindrance(self, unchecked: Sequence[str]) -> str:
         """The reason why no world can execute it; empty if some can, and for answers that are no
@@ -115,59 +122,190 @@ class Evidence:
         return content.hexdigest()
 
 
-class Motion(Evidence):
-    """Base of the solutions, plans of key frames, walks, leaps and crossings: a problem, and arrays
-    that answer it, with a row a key frame, a sample or an interval.
+Q = TypeVar("Q", bound="Problem | Leap | WalkQuestion | Way", covariant=True)
+"""What is asked of a motion. Every question has a name, a robot, the ``word`` for its answer, what
+moments of it ``counts`` ("frame", "interval" or "s"; nothing where there is one), the ``columns`` of
+an answer, and the ``hindrance`` that keeps one from being run."""
+ABSENT: Any = None
+"""A column that a motion does not have; its question says which ones it has."""
+LATER = ("modes", "joints_rad", "legs_turn_rad", "gather")
+"""The arrays that a motion may be without though its question speaks of them."""
+PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
+"""Arrays with a row a frame, or a stance; of a posture there is one."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion(Evidence, Generic[Q]):
+    """The one solution: a table of the columns that its question speaks of, in the world frame and
+    SI units, with a row a key frame, a sample or an interval; arrays are read-only copies.
+
+    Nothing is checked here: ``verify`` does it, shapes, finiteness and sense, so that whatever a
+    planner returns can be held and looked at.
+
+    M key frames over a problem of P footholds and S stances (a posture has M = S = 1), or M
+    intervals of a leap; K samples of a walk on a uniform grid; a robot with N limbs or feet.
 
     Arguments:
-        problem: what it answers.
-        provenance: origin, names to texts or numbers.
+        problem: the question that it answers.
+        com_m: c at key frames, shape (M, 3); of a leap at the ends of its intervals, (M + 1, 3) [m].
+        rotation_rad: small body rotation Θ there, shape (M, 3) or (M + 1, 3) [rad].
+        toes_m: one a foothold, shape (P, 3) [m].
+        choice: the candidate patch of every foothold, shape (P,).
+        forces_n: forces on the robot, world frame: in every stance, zero for limbs that do not carry
+            in it, shape (S, N, 3); constant in every interval of a leap, (M, N, 3); at every sample
+            of a walk, (K, N, 3) [N].
+        points_m, point_forces_n: where feet are soles, whose centres are the toes: where the points
+            of every foot put down are, shape (P, L, 3) [m], and the forces at them, which add up to
+            forces_n, (S, N, L, 3) [N]. L is that of the foot of most points; one with fewer has its
+            centre, and no force, in the places left.
+        joints_rad: angles at every key frame, of all joints of the robot's legs in its model's
+            order, shape (M, J) [rad, or m where a joint slides]; None where not worked out.
+        modes: z, the envelope that mode switching chose for each frame, shape (M,); None without
+            mode switching.
+        timing: of a leap, the index of the chosen timing.
+        velocity_m_s, momentum_m2_s: of a leap, v and L per mass at the ends of the intervals, which
+            follow from the forces as c and Θ do; shape (M + 1, 3) each.
+        legs_turn_rad: turn of the body by swinging legs in every interval, in addition to that by
+            L, as far as known, shape (M, 3) [rad]; None for legs without mass, as of a robot with
+            limbs alone.
+        gather: how legs are drawn up in flight, shape (2,): after which share of it, 0.05 to 0.49,
+            and how long they are then as a share of the shorter of their lengths at both ends, 0.1
+            to 1; None for (0.3, 0.8).
+        times_s: of a walk, shape (K,) [s].
+        torso_m: of a walk, the centre of mass p_WB, shape (K, 3) [m].
+        rotation: of a walk, R_WB, shape (K, 3, 3).
+        feet_m: of a walk, p_WF, shape (K, N, 3) [m].
+        contact: of a walk, True for feet that stand, shape (K, N), bool.
+        parts: of a way, its climbs by key frames and its leaps in order, the first of key frames.
+        provenance: how it was made, names to texts or numbers.
+
+    Raises:
+        InvalidInput: for values that are no arrays of numbers, and for parts that are no way.
+    Source:
+        Lin et al. §II and §IV-B, E11; Pan et al. §III, W2-W7; of leaps Newton and Euler for one
+        rigid body.
+
+    Example:
+        >>> import numpy as np, stancekit
+        >>> plan = stancekit.plan("walls", frames=3).solution
+        >>> plan.toes_at(0).shape, plan.posture(0).forces_n.shape, plan.has("times_s")
+        ((6, 3), (1, 3, 3), False)
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> nothing = np.zeros((3, 3))
+        >>> floating = stancekit.Motion.of_posture(problem, com_m=nothing[0], rotation_rad=nothing[0], toes_m=nothing,
+        ...                                        forces_n=nothing)
+        >>> stancekit.verify(floating).accepted
+        False
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+        >>> walked = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
+        >>> walked.samples, stancekit.verify(walked).accepted
+        (401, True)
     """
 
-    WORD: ClassVar[str]
-    """What the motion is called in messages."""
-    LATER: ClassVar[tuple[str, ...]] = ()
-    """The arrays that it may be without."""
-    provenance: Mapping[str, Any]
-    if TYPE_CHECKING:
-
-        @property
-        def problem(self) -> Any:
-            """What it answers."""
-
-        @property
-        def name(self) -> str:
-            """Name of what it answers."""
+    problem: Q
+    com_m: Array = ABSENT
+    rotation_rad: Array = ABSENT
+    toes_m: Array = ABSENT
+    choice: NDArray[np.int_] = ABSENT
+    forces_n: Array = ABSENT
+    points_m: Array | None = None
+    point_forces_n: Array | None = None
+    joints_rad: Array | None = None
+    modes: NDArray[np.int_] | None = None
+    timing: int = ABSENT
+    velocity_m_s: Array = ABSENT
+    momentum_m2_s: Array = ABSENT
+    legs_turn_rad: Array | None = None
+    gather: Array | None = None
+    times_s: Array = ABSENT
+    torso_m: Array = ABSENT
+    rotation: Array = ABSENT
+    feet_m: Array = ABSENT
+    contact: NDArray[np.bool_] = ABSENT
+    parts: tuple[Motion[Any], ...] = ABSENT
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name, value in list(vars(self).items()):
-            if name in KINDS and value is not None:
-                held(self, KINDS[name], name)
+        for name, kind in KINDS.items():
+            if getattr(self, name) is not None:
+                held(self, kind, name)
+        if self.has("times_s"):
+            plain = {name: _plain(name, value) for name, value in self.provenance.items()}
+            object.__setattr__(self, "provenance", plain)
+        if self.has("parts"):
+            object.__setattr__(self, "parts", tuple(self.parts))
+            fit = [part.has("choice") and part.problem.counts for part in self.parts]
+            if not (fit and all(fit) and self.parts[0].keyed):
+                came = ", ".join(part.word for part in self.parts) or "none"
+                raise InvalidInput(
+                    f"{self.word} {self.name}: expected parts that are climbs by key frames and leaps, a climb "
+                    f"first, got {came}"
+                )
 
-    @classmethod
-    def shapes(cls, problem: Any, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
-        """The shape that each array of an answer to a problem has, by name; none where all arrays
-        are those of its parts.
+    def __repr__(self) -> str:
+        rows = ", ".join(f"{name} {array.shape}" for name, array in self.arrays().items())
+        parts = ", ".join(part.word for part in self.parts or ())
+        return f"Motion({self.word} {self.name}: {parts or rows})"
 
-        Arguments:
-            rows: how many samples there are, where the problem leaves that open.
-        """
-        return {}
+    @property
+    def name(self) -> str:
+        """Name of what it answers."""
+        return self.problem.name
+
+    @property
+    def word(self) -> str:
+        """What it is called in messages."""
+        return self.problem.word
+
+    @property
+    def keyed(self) -> bool:
+        """Tell whether its rows are key frames, which whoever follows them times."""
+        return self.has("choice") and not self.has("timing")
+
+    @property
+    def patches(self) -> list[Patch]:
+        """The patch that was chosen for every foothold."""
+        asked: Any = self.problem
+        return [asked.patch(p, self.choice) for p in range(len(asked.footholds))]
+
+    def moment(self, when: float) -> str:
+        """A time of the motion, in words, for messages of the verifier."""
+        counts = self.problem.counts
+        if counts == "s":
+            return super().moment(when)
+        share, frame = math.modf(when)
+        word = f"{counts} {frame:.0f}" if counts else ""
+        return f"{word}, {share:.0%} of the way to {counts} {frame + 1:.0f}" if share else word
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes it, whatever the world; empty where one may."""
+        if not self.has("parts"):
+            return self.problem.hindrance(unchecked)
+        if all(part.keyed for part in self.parts):
+            return "it has no leap among its parts"
+        parts = (part.hindrance(()) for part in self.parts if part.keyed)
+        return self.problem.hindrance(unchecked) or next(filter(None, parts), "")
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays that are known, by name."""
-        known = {name: getattr(self, name) for name in self.shapes(self.problem)}
-        return {name: np.asarray(array) for name, array in known.items() if array is not None}
+        """The arrays that are known, by name; those of a walk's terrain under ``terrain_…``."""
+        known = {name: getattr(self, name) for name in self.problem.columns()}
+        arrays = {name: np.asarray(array) for name, array in known.items() if array is not None}
+        if self.has("times_s"):
+            asked: Any = self.problem
+            ground = asked.terrain.to_arrays()
+            arrays |= {f"terrain_{name}": np.asarray(array) for name, array in ground.items()}
+        return arrays
 
     @property
     def question(self) -> dict[str, Any]:
-        """The problem as JSON-ready values."""
-        return dict(self.problem.to_json())
+        """The problem as JSON-ready values, and the parts of a way."""
+        asked = dict(self.problem.to_json())
+        return asked | {"parts": [part.content() for part in self.parts]} if self.parts else asked
 
     @property
     def robot(self) -> Robot:
         """The robot that moves."""
-        return self.problem.robot  # type: ignore[no-any-return]
+        return self.problem.robot
 
     @property
     def gravity_m_s2(self) -> float:
@@ -175,12 +313,182 @@ class Motion(Evidence):
         return float(getattr(self.problem, "gravity_m_s2", GRAVITY_M_S2))
 
     def ground(self, friction_share: float = 1.0) -> tuple[Patch, ...] | Ground:
-        """The terrain that it is over, with this share of the friction that it counts on."""
-        raise NotImplementedError
+        """The terrain that it is over, or the patches that are taken where the problem has none, with
+        this share of the friction that it counts on.
+        """
+        asked: Any = self.problem
+        if self.has("times_s"):
+            from ..terrain.obstacles import Ground
+
+            return Ground(heights=asked.terrain, friction=friction_share * asked.friction)
+        terrain = getattr(asked, "terrain", ())
+        return dulled(terrain or (self.patches if self.has("choice") else ()), friction_share)
 
     def head(self) -> dict[str, Any]:
         """All but the arrays, as JSON-ready values."""
         return {**super().head(), "provenance": dict(self.provenance)}
+
+    def labels(self) -> dict[str, list[Any]]:
+        """Names of rows and columns of key frames: limbs are columns of forces; toes have limb and
+        key frame of every foothold, stances key frame and limbs of every row of forces.
+        """
+        if not self.keyed:
+            return {}
+        course: Any = self.problem
+        names = course.robot.limb_names
+        toes = [{"limb": each.limb, "frame": each.frame} for each in course.footholds]
+        stances = [
+            {"frame": each.frame, "limbs": [names[i] for i in each.limbs]}
+            for each in course.stances
+        ]
+        known = {} if self.joints_rad is None else {"joints": list(joint_names(course.robot))}
+        return {"limbs": list(names), "toes": toes, "stances": stances, **known}
+
+    def moved(self: Motion[Problem], frame: Frame, robot: Robot) -> Motion[Problem]:
+        """The plan of a robot with point feet in a world that is moved with it, see
+        ``Problem.moved``.
+        """
+        return replace(
+            self,
+            problem=self.problem.moved(frame, robot),
+            com_m=frame.places(self.com_m),
+            rotation_rad=frame.vectors(self.rotation_rad),
+            toes_m=frame.places(self.toes_m),
+            forces_n=frame.vectors(self.forces_n),
+        )
+
+    @staticmethod
+    def of_posture(
+        problem: Problem,
+        *,
+        com_m: ArrayLike,
+        rotation_rad: ArrayLike,
+        toes_m: ArrayLike,
+        forces_n: ArrayLike,
+        points_m: ArrayLike | None = None,
+        point_forces_n: ArrayLike | None = None,
+    ) -> Motion[Problem]:
+        """The plan of a posture problem with N contacts, from arrays without axes of frames and
+        stances.
+
+        Arguments:
+            problem: the posture problem.
+            com_m, rotation_rad: shape (3,) each [m], [rad].
+            toes_m, forces_n: shape (N, 3) each [m], [N].
+            points_m, point_forces_n: points of soles and their forces, shape (N, K, 3) each [m],
+                [N].
+        """
+        return Motion(
+            problem=problem,
+            com_m=np.asarray(com_m)[None],
+            rotation_rad=np.asarray(rotation_rad)[None],
+            toes_m=np.asarray(toes_m),
+            choice=np.zeros(np.shape(toes_m)[:1], dtype=np.int_),
+            forces_n=np.asarray(forces_n)[None],
+            points_m=None if points_m is None else np.asarray(points_m),
+            point_forces_n=None if point_forces_n is None else np.asarray(point_forces_n)[None],
+        )
+
+    def toes_at(self: Motion[Problem], frame: int) -> Array:
+        """Places where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
+        return np.asarray(self.toes_m[self.problem.holds[frame]])
+
+    def forces_at(self: Motion[Problem], frame: int) -> Array:
+        """Forces of all limbs at a key frame, shape (N, 3) [N]: the mean of the forces in its
+        stances.
+
+        The mean satisfies the constraints, too: body pose and toes are the same in these stances,
+        and then balance, friction cones and force bounds are convex in the forces. A limb in the
+        air counts with zero force, which the bounds admit.
+        """
+        rows = [index for index, stance in enumerate(self.problem.stances) if stance.frame == frame]
+        return np.asarray(self.forces_n[rows].mean(axis=0))
+
+    @property
+    def moments_nm(self: Motion[Problem]) -> Array | None:
+        """Moments of the forces on soles about their middles, shape (S, N, 3) [Nm]; None of point
+        feet.
+        """
+        if self.points_m is None or self.point_forces_n is None:
+            return None
+        arms = self.points_m - self.toes_m[:, None]
+        holds = np.array([self.problem.holds[of.frame] for of in self.problem.stances])
+        return np.asarray(np.cross(arms[holds], self.point_forces_n).sum(axis=2))
+
+    def posture(self: Motion[Problem], stance: int) -> Motion[Problem]:
+        """The plan of the posture problem of one stance: of one frame, with its limbs only."""
+        of = self.problem.stances[stance]
+        limbs = list(of.limbs)
+        soles = dict[str, Array]()
+        if self.points_m is not None and self.point_forces_n is not None:
+            feet = [self.problem.robot.limbs[i].sole_m for i in limbs]
+            most = max(1 if sole is None else len(sole) for sole in feet)
+            if most > 1:  # else nobody who carries has a sole
+                soles["points_m"] = self.points_m[self.problem.holds[of.frame, limbs], :most]
+                soles["point_forces_n"] = self.point_forces_n[stance][limbs, :most]
+        return Motion.of_posture(
+            self.problem.posture_problem(of, self.choice),
+            com_m=self.com_m[of.frame],
+            rotation_rad=self.rotation_rad[of.frame],
+            toes_m=self.toes_at(of.frame)[limbs],
+            forces_n=self.forces_n[stance][limbs],
+            **soles,
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready lists of a posture, as a line of answers has them: without the axes of frames
+        and stances.
+        """
+        names = ("com_m", "rotation_rad", "toes_m", "forces_n", "points_m", "point_forces_n")
+        arrays = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        alone = {name for name in PER_FRAME if name in arrays and arrays[name].shape[:1] == (1,)}
+        return {
+            name: (array[0] if name in alone else array).tolist() for name, array in arrays.items()
+        }
+
+    def asked(self: Motion[WalkQuestion], **changes: Any) -> Motion[WalkQuestion]:
+        """The same samples as an answer to the question with these changes."""
+        return replace(self, problem=replace(self.problem, **changes))
+
+    @property
+    def samples(self) -> int:
+        """K, how many samples there are."""
+        return int(self.times_s.shape[0]) if self.times_s.ndim else 0
+
+    @property
+    def step_s(self) -> float:
+        """Mean distance of two samples [s]; 0 for fewer than two."""
+        return (
+            float(self.times_s[-1] - self.times_s[0]) / (self.samples - 1)
+            if self.samples > 1
+            else 0.0
+        )
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.times_s[-1] - self.times_s[0]) if self.samples else 0.0
+
+    @property
+    def turned_rad(self) -> Array:
+        """``legs_turn_rad``, 0 where it is not known, shape (M, 3) [rad]."""
+        return (
+            np.zeros((len(self.forces_n), 3)) if self.legs_turn_rad is None else self.legs_turn_rad
+        )
+
+    @property
+    def ends_s(self: Motion[Leap]) -> Array:
+        """Times at which the M intervals of a leap begin and end, shape (M + 1,) [s]."""
+        return self.problem.times_s(self.timing)
+
+
+def _plain(name: str, value: Any) -> str | float:
+    """A text, or a number, of a walk's provenance."""
+    try:
+        return value if isinstance(value, str) else float(value)
+    except (TypeError, OverflowError):
+        came = shown(value)
+        raise InvalidInput(f"provenance.{name}: expected text or a number, got {came}") from None
 
 
 def canonical(data: Any) -> bytes:

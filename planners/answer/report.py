@@ -15,7 +15,7 @@ from typing import Any, Generic, Literal, TypeVar
 
 from ..arguments import cached_property
 from .motion import Evidence, seal
-from .plan import MARGIN
+from .plan import LEAP_BODY, MARGIN, WHOLE_BODY
 
 GROUPS = {
     "patch": "m",
@@ -225,7 +225,7 @@ class Report(Generic[S]):
         plan.
         """
         judged = [group.name for group in self.groups if group.verdict in _BODY_VERDICTS]
-        body = [name for name in self.answer.BODY if name != MARGIN]
+        body = set(whole_body(self.answer)) - {MARGIN}
         return ("contacts", *(name for name in judged if name in body)) if body else tuple(judged)
 
     @property
@@ -316,12 +316,14 @@ class Report(Generic[S]):
     @property
     def _of_body(self) -> list[Group]:
         """The groups of a plan's whole body and of its margins, or of a leap's whole body."""
-        return [group for group in self.groups if group.name in self.answer.BODY]
+        body = whole_body(self.answer)
+        return [group for group in self.groups if group.name in body]
 
     @property
     def _of_contacts(self) -> list[Group]:
         """All groups but those of the whole body and of margins."""
-        return [group for group in self.groups if group.name not in self.answer.BODY]
+        body = whole_body(self.answer)
+        return [group for group in self.groups if group.name not in body]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""
@@ -346,6 +348,13 @@ def verdict_digest(verdict: Mapping[str, Any], answer: str) -> str:
     """
     told = {name: verdict[name] for name in ("accepted", "tolerance", "checked", "limits")}
     return seal({**told, "answer": answer})
+
+
+def whole_body(answer: Evidence) -> tuple[str, ...]:
+    """The groups of the whole body, beside those of contacts, by the columns that there are."""
+    if not answer.has("choice"):
+        return ()
+    return LEAP_BODY if answer.has("timing") else (*WHOLE_BODY, MARGIN)
 
 
 def acceptance_word(unchecked: Sequence[str]) -> str:

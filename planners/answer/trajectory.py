@@ -1,14 +1,11 @@
-"""The trajectory of a legged robot over a terrain: what every chart's solution becomes, in the
-world frame and dense.
-
-It says nothing of how it was made, so ``judge`` can check it and ``record`` can write it without
-knowing an optimiser.
+"""What is asked of a walk: every chart's solution answers it, in the world frame and dense, and says
+nothing of how it was made.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -16,14 +13,12 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput, located
 from ..files.arrays import Array
-from ..files.documents import shown
 from ..files.writing import first_difference
 from .motion import Motion, held, left_unchecked
 
 if TYPE_CHECKING:
     from ..robot.model import Robot
     from ..terrain.heightfield import HeightField
-    from ..terrain.obstacles import Ground
 
 OFF_M = 0.015
 """Distance from its place at which a foot may come down, and should hold all the same [m]."""
@@ -67,6 +62,8 @@ class WalkQuestion:
     """
 
     FORMAT: ClassVar[str] = "stancekit/walk/1"
+    word: ClassVar[str] = "gait"
+    counts: ClassVar[str] = "s"
     robot: Robot
     terrain: HeightField
     friction: float
@@ -108,123 +105,9 @@ class WalkQuestion:
             "suction_n": self.suction_n,
         }
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trajectory(Motion):
-    """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are
-    read-only copies.
-
-    Shapes, finiteness and sense are the verifier's to judge (``verify``), so that whatever an
-    optimiser returns can be held and looked at.
-
-    Arguments:
-        problem: what is asked of it.
-        times_s: shape (K,) [s].
-        torso_m: centre of mass p_WB, shape (K, 3) [m].
-        rotation: R_WB, shape (K, 3, 3).
-        feet_m: p_WF, shape (K, E, 3) [m].
-        forces_n: contact forces on the robot f_W, shape (K, E, 3) [N].
-        contact: True for feet that stand, shape (K, E), bool.
-        provenance: origin, names to texts or numbers.
-
-    Raises:
-        InvalidInput: for values that are no arrays of numbers.
-    Source:
-        Pan et al. §III, W2-W7.
-
-    Example:
-        >>> import numpy as np, stancekit
-        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
-        >>> walked = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
-        >>> walked.samples, stancekit.verify(walked).accepted
-        (401, True)
-    """
-
-    WORD: ClassVar[str] = "gait"
-    problem: WalkQuestion
-    times_s: Array
-    torso_m: Array
-    rotation: Array
-    feet_m: Array
-    forces_n: Array
-    contact: NDArray[np.bool_]
-    provenance: Mapping[str, str | float] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        plain = dict[str, str | float]()
-        for name, value in self.provenance.items():
-            try:
-                plain[name] = value if isinstance(value, str) else float(value)
-            except (TypeError, OverflowError):
-                came = shown(value)
-                raise InvalidInput(
-                    f"provenance.{name}: expected text or a number, got {came}"
-                ) from None
-        object.__setattr__(self, "provenance", plain)
-
-    def __repr__(self) -> str:
-        over = f" over {self.problem.terrain.name}" if self.problem.terrain.name else ""
-        return f"Trajectory({self.robot.name}{over}: {self.duration_s:.3g} s in {self.samples} samples)"
-
-    def asked(self, **changes: Any) -> Trajectory:
-        """The same samples as an answer to the question with these changes."""
-        return replace(self, problem=replace(self.problem, **changes))
-
-    @property
-    def samples(self) -> int:
-        """K, how many samples there are."""
-        return int(self.times_s.shape[0]) if self.times_s.ndim else 0
-
-    @property
-    def step_s(self) -> float:
-        """Mean distance of two samples [s]; 0 for fewer than two."""
-        return (
-            float(self.times_s[-1] - self.times_s[0]) / (self.samples - 1)
-            if self.samples > 1
-            else 0.0
-        )
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the first sample to the last [s]."""
-        return float(self.times_s[-1] - self.times_s[0]) if self.samples else 0.0
-
-    @property
-    def name(self) -> str:
-        """Name of the terrain."""
-        return self.problem.name
-
-    def ground(self, friction_share: float = 1.0) -> Ground:
-        """The terrain as what is solid below its heights, with this share of the friction."""
-        from ..terrain.obstacles import Ground
-
-        return Ground(heights=self.problem.terrain, friction=friction_share * self.problem.friction)
-
-    def hindrance(self, unchecked: Sequence[str]) -> str:
-        """The reason why no world can execute it; empty if some can.
-
-        For a robot without a model the groups of ``WALK_BODY`` do not matter: the runner takes the
-        servos of the world.
-        """
-        from ..robot.model import walking_robot  # slow to import
-
-        left = [name for name in unchecked if self.robot.own or name not in WALK_BODY]
-        if left:
-            return left_unchecked(left)
-        if self.problem.adhesive.any():
-            names = np.array(self.robot.limb_names)[self.problem.adhesive]
-            return f"no world has feet that stick, as {', '.join(names)} do"
-        try:
-            walking_robot(self.robot)
-        except InvalidInput as error:
-            return str(error)
-        return ""
-
-    @classmethod
-    def shapes(cls, problem: WalkQuestion, rows: int = 0) -> Mapping[str, tuple[int, ...]]:
-        """As of ``Motion``."""
-        feet = len(problem.robot.feet)
+    def columns(self, rows: int = 0) -> dict[str, tuple[int, ...]]:
+        """The shape of each array of a walk of so many samples, by name."""
+        feet = len(self.robot.feet)
         return {
             "times_s": (rows,),
             "torso_m": (rows, 3),
@@ -234,10 +117,28 @@ class Trajectory(Motion):
             "contact": (rows, feet),
         }
 
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """The samples by name, and the terrain's arrays under ``terrain_…``."""
-        terrain = self.problem.terrain.to_arrays().items()
-        return super().arrays() | {f"terrain_{name}": np.asarray(array) for name, array in terrain}
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no world can execute a walk; empty if some can.
+
+        For a robot without a model the groups of ``WALK_BODY`` do not matter: the runner takes the
+        servos of the world.
+        """
+        from ..robot.model import walking_robot  # slow to import
+
+        left = [name for name in unchecked if self.robot.own or name not in WALK_BODY]
+        if left:
+            return left_unchecked(left)
+        if self.adhesive.any():
+            names = np.array(self.robot.limb_names)[self.adhesive]
+            return f"no world has feet that stick, as {', '.join(names)} do"
+        try:
+            walking_robot(self.robot)
+        except InvalidInput as error:
+            return str(error)
+        return ""
+
+
+Trajectory = Motion[WalkQuestion]
 
 
 def robot_from_json(data: Any) -> Robot:
@@ -245,21 +146,15 @@ def robot_from_json(data: Any) -> Robot:
 
     Raises InvalidInput, also for one that is called as a built-in one and is another.
     """
-    from ..robot.walker import walker_from_json
+    from ..robot.walker import BUILT_IN, walker_from_json
 
     with located("robot"):
         robot = walker_from_json(data)
-        _check_built_in(robot)
-    return robot
-
-
-def _check_built_in(robot: Robot) -> None:
-    """Raise InvalidInput for a robot that has the name of a built-in robot but other numbers."""
-    from ..robot.walker import BUILT_IN
-
-    if not robot.own and robot.name in BUILT_IN:
+        if robot.own or robot.name not in BUILT_IN:
+            return robot
         expected = replace(BUILT_IN[robot.name](), model=None).to_json()
         if other := first_difference(robot.to_json(), expected):
             raise InvalidInput(
                 f"expected the numbers of the built-in {robot.name}, got other values: {other}"
             )
+    return robot

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..answer.motion import Motion
 from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..files.arrays import Array, locked
@@ -126,7 +127,7 @@ class ScaledBatch:
         com, rotation, toes, forces = locked((com, points.rotation.copy(), toes, forces))
         return [
             made(
-                Plan,
+                Motion,
                 problem=problem,
                 com_m=com[k : k + 1],
                 rotation_rad=rotation[k : k + 1],

@@ -13,17 +13,17 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from ..answer.certificate import Certificate, Crossing
-from ..answer.motion import Evidence, Motion, seal
-from ..answer.plan import WHOLE_BODY, LeapPlan, Plan
-from ..answer.report import Report, verdict_digest
-from ..answer.trajectory import Trajectory, WalkQuestion, robot_from_json
+from ..answer.certificate import Certificate, Way
+from ..answer.motion import LATER, Evidence, Motion, seal
+from ..answer.plan import WHOLE_BODY, Plan
+from ..answer.report import Report, verdict_digest, whole_body
+from ..answer.trajectory import WalkQuestion, robot_from_json
 from ..errors import InvalidInput, located, not_installed, require
 from ..files.arrays import unpacked
 from ..files.codec import extracted
@@ -52,13 +52,9 @@ _CALLED = {"i": "whole numbers", "b": "truth values", "f": "numbers"}
 _OF_JOINTS = ("joints", "torque")
 """Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
 Shapes = Mapping[str, tuple[int | None, ...]]
-M = TypeVar("M", bound=Motion)
-
-
-_Kind = tuple[Callable[[Any, str, dict[str, NDArray[Any]]], dict[str, Any]], type[Any]]
-"""The motions that answer one kind of question: what else than arrays they are made of, of the
-question's JSON-ready values, their place in the file, and the arrays, of which it takes what is not
-the motion's own; and they."""
+_Reader = Callable[[Any, str, dict[str, NDArray[Any]]], dict[str, Any]]
+"""What else than arrays a motion is made of, of the question's JSON-ready values, their place in the
+file, and the arrays, of which it takes what is not the motion's own."""
 
 
 class _WalkKeys(BaseModel):
@@ -114,26 +110,29 @@ def _crossing(
     proof = data["certificate"]
     proved = None if proof is None else certificate_from(proof, f"{where}: certificate")
     told = {name: data[name] for name in ("name", "refusal")}
-    return {**told, "parts": tuple(parts), "certificate": proved}
+    return {"problem": Way(**told, course=parts[0].problem, certificate=proved), "parts": parts}
 
 
-def _part(data: Any, where: str) -> Motion:
+def _part(data: Any, where: str) -> Motion[Any]:
     _check_keys(data, _CONTENT, where)
     return motion_from(data, where)
 
 
-_PLAN: _Kind = (lambda data, where, arrays: {"problem": Problem.from_json(data)}, Plan)
-_KINDS: Mapping[str, _Kind] = {
-    Problem.FORMAT: _PLAN,
-    POSTURE: _PLAN,
-    WalkQuestion.FORMAT: (_walk, Trajectory),
-    LEAP: (lambda data, where, arrays: {"problem": _leap(data, where)}, LeapPlan),
-    Crossing.FORMAT: (_crossing, Crossing),
+def _course(data: Any, where: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
+    return {"problem": Problem.from_json(data)}
+
+
+_QUESTIONS: Mapping[str, _Reader] = {
+    Problem.FORMAT: _course,
+    POSTURE: _course,
+    WalkQuestion.FORMAT: _walk,
+    LEAP: lambda data, where, arrays: {"problem": _leap(data, where)},
+    Way.FORMAT: _crossing,
 }
 """By the format of the question."""
 
 
-def write_motion(path: str | Path, motion: Motion, report: Report[Any]) -> None:
+def write_motion(path: str | Path, motion: Motion[Any], report: Report[Any]) -> None:
     """Write NAME.json, whole or not at all.
 
     Arguments:
@@ -147,7 +146,7 @@ def write_motion(path: str | Path, motion: Motion, report: Report[Any]) -> None:
     check_name(path)
     require(
         report.answer.digest == motion.digest,
-        f"{path}: expected the verifier's report on this {motion.WORD}, got the one on another",
+        f"{path}: expected the verifier's report on this {motion.word}, got the one on another",
     )
     verdict = {"verified": report.accepted, "verdict": report.to_json()}
     _write(path, {"format": FORMAT, **verdict, **motion.content()})
@@ -194,19 +193,14 @@ def read_evidence(path: str | Path) -> tuple[Evidence, dict[str, Any]]:
     return evidence_from(read_json(path), str(path))
 
 
-def read_motion(path: str | Path, kind: type[M] = Motion) -> tuple[M, dict[str, Any]]:  # type: ignore[assignment]
+def read_motion(path: str | Path) -> tuple[Motion[Any], dict[str, Any]]:
     """The motion of a file, and the file's content, with the verdict that it claims.
 
-    Arguments:
-        kind: what is expected.
-
-    Raises:
-        InvalidInput: as ``read_evidence``, and for another kind.
+    Raises InvalidInput as ``read_evidence``, and for a proof.
     """
     motion, content = read_evidence(path)
-    if not isinstance(motion, kind):
-        wanted = getattr(kind, "WORD", "motion")
-        raise InvalidInput(f"{path}: expected a {wanted}, got a {getattr(motion, 'WORD', 'proof')}")
+    if not isinstance(motion, Motion):
+        raise InvalidInput(f"{path}: expected a motion, got a {motion.word}")
     return motion, content
 
 
@@ -233,22 +227,21 @@ def evidence_from(data: Any, where: str) -> tuple[Evidence, dict[str, Any]]:
     return motion, data
 
 
-def motion_from(data: Mapping[str, Any], where: str) -> Motion:
+def motion_from(data: Mapping[str, Any], where: str) -> Motion[Any]:
     """The motion of a file's content, whose keys are there."""
-    found = _KINDS.get(str(data["question"].get("format")))
-    if found is None:
-        came, known = shown(data["question"].get("format")), ", ".join(_KINDS)
+    read = _QUESTIONS.get(str(data["question"].get("format")))
+    if read is None:
+        came, known = shown(data["question"].get("format")), ", ".join(_QUESTIONS)
         raise InvalidInput(f"{where}: question: expected a format of {known}, got {came}")
-    read, kind = found
     place = f"{where}: columns"
     arrays = _arrays(data["columns"], place)
     with located(f"{where}: question"):
         asked = read(data["question"], f"{where}: question", arrays)
     rows = arrays["times_s"].size if "times_s" in arrays else 0
-    _check_arrays(place, arrays, kind.shapes(asked.get("problem"), rows), kind.LATER)
-    plain = {name: array if array.ndim else array.item() for name, array in arrays.items()}
+    _check_arrays(place, arrays, asked["problem"].columns(rows), LATER)
+    plain: dict[str, Any] = {name: a if a.ndim else a.item() for name, a in arrays.items()}
     with located(place):
-        motion: Motion = kind(**asked, **plain, provenance=data["provenance"])
+        motion = Motion(**asked, **plain, provenance=data["provenance"])
     labels = motion.labels()
     for name in dict.fromkeys((*labels, *data["columns"])):
         require(
@@ -258,11 +251,12 @@ def motion_from(data: Mapping[str, Any], where: str) -> Motion:
     return motion
 
 
-def _check_verdict(verdict: Mapping[str, Any], motion: Motion, where: str) -> None:
+def _check_verdict(verdict: Mapping[str, Any], motion: Motion[Any], where: str) -> None:
     """Raise InvalidInput for a verdict that is none, or one on something else."""
-    checked, known = verdict.get("checked"), {"contacts", *motion.BODY}
-    if not isinstance(checked, list) or (motion.BODY and not set(map(str, checked)) <= known):
-        wanted = f"{', '.join(sorted(known))} or fewer" if motion.BODY else "names of groups"
+    checked, body = verdict.get("checked"), whole_body(motion)
+    known = {"contacts", *body}
+    if not isinstance(checked, list) or (body and not set(map(str, checked)) <= known):
+        wanted = f"{', '.join(sorted(known))} or fewer" if body else "names of groups"
         raise InvalidInput(f"{where}: verdict.checked: expected {wanted}, got {shown(checked)}")
     with suppress(KeyError, TypeError, ValueError):
         if verdict_digest(verdict, motion.digest) == verdict["digest"]:
@@ -321,8 +315,9 @@ def _check_arrays(
     """Raise InvalidInput unless every array is there, of its shape and kind and finite; heights of
     a terrain are the terrain's to judge.
     """
-    if not {name for name in shapes if name not in optional} <= set(arrays) <= set(shapes):
-        may = f" ({' and '.join(optional)} may lack)" if optional else ""
+    spare = [name for name in optional if name in shapes]
+    if not set(shapes) - set(spare) <= set(arrays) <= set(shapes):
+        may = f" ({' and '.join(spare)} may lack)" if spare else ""
         raise InvalidInput(
             f"{where}: expected the arrays {', '.join(shapes)}{may}, got {sorted(arrays)}"
         )
@@ -414,9 +409,9 @@ def check_file(
             that have no use for what it holds.
     """
     evidence, content = evidence_from(read_json(path) if data is None else data, str(path))
-    of_plan, word = isinstance(evidence, Plan), getattr(evidence, "WORD", "proof")
+    of_plan = isinstance(evidence, Motion) and evidence.keyed
     for name, given, used in (
-        ("robot", robot is not None, isinstance(evidence, Plan | Trajectory)),
+        ("robot", robot is not None, of_plan or evidence.has("times_s")),
         ("course", course is not None, of_plan),
         ("tolerance", tolerance is not None, of_plan),
         ("margins", margins, of_plan),
@@ -424,11 +419,13 @@ def check_file(
         ("exact", exact, isinstance(evidence, Certificate)),
     ):
         require(
-            not given or used, f"{name}: expected none with {path}, a {word}, which has its own"
+            not given or used,
+            f"{name}: expected none with {path}, a {evidence.word}, which has its own",
         )
     if isinstance(evidence, Certificate):
         check = _check_proof(str(path), evidence, why)
         return _replayed(check, evidence) if exact else check
+    assert isinstance(evidence, Motion)
     _check_asked(str(path), evidence, robot, course)
     report = judge(evidence, tolerance=tolerance, joints=joints, margins=margins)
     claimed = content["verdict"].get("checked", ())
@@ -448,7 +445,7 @@ def check_file(
     ]
     return FileCheck(
         path=str(path),
-        kind=word,
+        kind=evidence.word,
         report=report,
         message="; ".join(filter(None, remarks)),
         same=same,
@@ -482,12 +479,12 @@ def _replayed(check: FileCheck, certificate: Certificate) -> FileCheck:
 
 def _check_asked(
     path: str,
-    motion: Evidence,
+    motion: Motion[Any],
     robot: str | None,
     course: Callable[[int], Problem] | None,
 ) -> None:
     """Raise InvalidInput for a plan or a walk of another robot or course."""
-    if isinstance(motion, Trajectory) and robot is not None:
+    if motion.has("times_s") and robot is not None:
         from ..robot.walker import named_walker  # loads splines
 
         walker = named_walker(robot)
@@ -497,7 +494,7 @@ def _check_asked(
                 f"{path}: expected a walk of the robot {walker.name} as its file is, got one of "
                 f"{motion.robot.name} with numbers of its own: {other}"
             )
-    if not isinstance(motion, Plan):
+    if not motion.keyed:
         return
     problem, legs = motion.problem, motion.problem.robot
     require(
@@ -534,7 +531,7 @@ class PartialPlan:
         if self._path is None or not self._path.exists():
             return None
         with suppress(InvalidInput):
-            plan, _ = read_motion(self._path, Plan)
+            plan, _ = read_motion(self._path)
             last = 0 if plan.joints_rad is None else _shared(course, plan.problem)
             if last > 0:
                 plan = plan if last == plan.problem.frames - 1 else beginning(plan, last)

@@ -495,7 +495,7 @@ def unloaded(leap: Leap, timing: int) -> Leap | None:
 def _over(plan: LeapPlan, leap: Leap) -> LeapPlan:
     """A plan's forces over the finer intervals of another leap."""
     ends = leap.times_s(0)
-    k = np.searchsorted(plan.times_s, 0.5 * (ends[1:] + ends[:-1])) - 1
+    k = np.searchsorted(plan.ends_s, 0.5 * (ends[1:] + ends[:-1])) - 1
     method = str(plan.provenance.get("method", ""))
     numbers = LeapNumbers.of(leap, legs_turn=np.zeros((leap.intervals, 3)))
     return replace(
@@ -510,7 +510,7 @@ def legged_numbers(measured: LeapBodyMeasurements) -> LeapNumbers:
     body = measured.leap_body
     plan = body.plan
     ends = np.concatenate(
-        [np.searchsorted(body.times_s, plan.times_s[:-1] - 1e-9), [len(body.times_s)]]
+        [np.searchsorted(body.times_s, plan.ends_s[:-1] - 1e-9), [len(body.times_s)]]
     )
     spins = np.array([body.spins[a:b].mean(axis=0) for a, b in itertools.pairwise(ends)])
     mean = LeapNumbers.of(plan.problem, plan.timing, spins=spins)
@@ -573,7 +573,7 @@ def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = 
     plan, layout = body.plan, given.scaled.layout
     limbs, at = layout.contacts[1], numbers.contact_intervals
     count, most = len(at), _most(solver.legs)
-    halves = _halves(body.times_s, plan.times_s)
+    halves = _halves(body.times_s, plan.ends_s)
     ends = np.concatenate([at, at + 1])
     fast, strong = measured.shares
     worst = np.maximum(np.abs(fast) / JOINT_SPEED, measured.line)

@@ -13,12 +13,14 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Effort, Status
-from ..answer.certificate import Certificate, Crossing
+from ..answer.certificate import Certificate, Crossing, Way
+from ..answer.motion import Motion
 from ..answer.plan import LeapPlan, Plan
 from ..equilibrium.programs import programs_of_this_thread
 from ..errors import InvalidInput, PlanningFailed
@@ -158,7 +160,7 @@ def cross(
         deadline: when the answer is wanted (``time.perf_counter()``).
 
     Returns:
-        Feasible with a ``Crossing`` that ``check_crossing`` accepted; undecided with the part that
+        Feasible with a motion of ``parts`` that ``check_crossing`` accepted; undecided with the part that
         has no plan in its message; or the answer of key frames straight ahead, where they have a
         plan after all.
     """
@@ -216,7 +218,7 @@ class _Crossing:
         straight = self._straight()
         if straight is not None and straight.status is Status.FEASIBLE:
             return straight
-        parts, why = list[Plan | LeapPlan](), ""
+        parts, why = list[Motion[Any]](), ""
         solves = tries = 0
         for part in self._parts():
             if isinstance(part, str):
@@ -235,10 +237,9 @@ class _Crossing:
                 effort=effort,
                 message=f"key frames alone: {self.refusal}; with leaps: {why}",
             )
-        name = parts[0].problem.name
-        crossing = Crossing(
-            name=name, parts=tuple(parts), refusal=self.refusal, certificate=self.proof
-        )
+        course = parts[0].problem
+        way = Way(name=course.name, course=course, refusal=self.refusal, certificate=self.proof)
+        crossing = Motion(problem=way, parts=tuple(parts))
         report = check_crossing(crossing)
         return Answer(
             status=Status.FEASIBLE if report.accepted else Status.UNDECIDED,

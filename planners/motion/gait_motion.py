@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.certificate import Crossing
 from ..answer.motion import Motion
-from ..answer.plan import LeapPlan, Plan
+from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -42,10 +43,9 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
     """
     timed = iter(climbs or map(plan_motion, plans_of(crossing)))
     parts = [
-        leap_motion(part, rest_s=SETTLE_S) if isinstance(part, LeapPlan) else next(timed)
-        for part in crossing.parts
+        next(timed) if part.keyed else leap_motion(part, rest_s=SETTLE_S) for part in crossing.parts
     ]
-    begins = part_begins_s(parts)
+    begins = np.cumsum([0.0, *(part.duration_s + BLEND_S for part in parts[:-1])])
     ends = begins + [part.duration_s for part in parts]
     numbers, stances = _numbered(crossing, parts)
 
@@ -109,11 +109,6 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
     )
 
 
-def part_begins_s(parts: Sequence[Played]) -> Array:
-    """When every part of a crossing begins, shape (K,) [s]."""
-    return np.concatenate([[0.0], np.cumsum([part.duration_s + BLEND_S for part in parts[:-1]])])
-
-
 def _numbered(
     crossing: Crossing, parts: Sequence[Played]
 ) -> tuple[list[NDArray[np.int_]], tuple[str, ...]]:
@@ -139,7 +134,7 @@ def plans_of(crossing: Crossing) -> list[Plan]:
 
     Raises InvalidInput for one whose plans are not executed.
     """
-    plans = [part for part in crossing.parts if isinstance(part, Plan)]
+    plans = [part for part in crossing.parts if part.keyed]
     for plan in plans:
         if plan.problem.uncarried:
             raise InvalidInput(
@@ -224,19 +219,14 @@ def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.where(contact, before + count - 1, -1)
 
 
-def feet_motion(subject: Motion) -> Played:
+def feet_motion(subject: Motion[Any]) -> Played:
     """The motion of a plan, a walk, a leap or a crossing, timed as ``run`` times it where no joint
     asks for more time.
 
     A plan may also lift all limbs at once; the runner refuses such a plan.
     """
-    match subject:
-        case Plan():
-            return plan_motion(subject, uncarried=True)
-        case Trajectory():
-            return gait_motion(subject, subject.robot.foot_radii_m)
-        case LeapPlan():
-            return feet_of_leap(subject)
-        case Crossing():
-            return crossing_motion(subject)
-    raise TypeError(f"expected a motion, got a {type(subject).__name__}")
+    if subject.has("parts"):
+        return crossing_motion(subject)
+    if subject.has("times_s"):
+        return gait_motion(subject, subject.robot.foot_radii_m)
+    return plan_motion(subject, uncarried=True) if subject.keyed else feet_of_leap(subject)

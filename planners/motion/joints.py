@@ -43,7 +43,7 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[l
 
     Raises InvalidInput for a robot that is but boxes.
     """
-    model, normals = _model(trajectory), _normals(trajectory)[samples]
+    model, normals = trajectory.robot.own_model(), _normals(trajectory)[samples]
     torso, rotation, feet = (
         trajectory.torso_m[samples],
         trajectory.rotation[samples],
@@ -120,17 +120,13 @@ def walk_postures(trajectory: Trajectory) -> tuple[WholeBody, Kinematics]:
 
     Raises InvalidInput as that does.
     """
-    body, normals = MovingBody(_model(trajectory)), _normals(trajectory)
+    body, normals = MovingBody(trajectory.robot.own_model()), _normals(trajectory)
     return (
         body.postures(
             trajectory.torso_m, trajectory.rotation, trajectory.feet_m, normals, trajectory.contact
         ),
         body.kinematics,
     )
-
-
-def _model(trajectory: Trajectory) -> RobotModel:
-    return trajectory.robot.own_model()
 
 
 def _normals(trajectory: Trajectory) -> Array:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import LeapPlan, patches_of
+from ..answer.plan import LeapPlan
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross
@@ -35,7 +35,7 @@ _QUICK = 15
 
 
 GATHER = (0.3, 0.8)
-"""Times of a plan that does not say how legs are drawn up: see ``LeapPlan``."""
+"""Times of a plan that does not say how legs are drawn up: see ``Motion``."""
 
 
 class LeapBody:
@@ -70,7 +70,7 @@ class LeapBody:
         self._body = body or MovingBody(robot.own_model())
         self.kinematics = self._body.kinematics
         self._radii = self.kinematics.radii_m
-        ends = plan.times_s
+        ends = plan.ends_s
         count = int(np.ceil((ends[-1] - ends[0]) / (2.0 * _STEP_S if quick else _STEP_S))) + 1
         self.times_s = np.linspace(ends[0], ends[-1], max(count, LEAST))
         self._k = np.clip(
@@ -85,7 +85,7 @@ class LeapBody:
     def _follow(self) -> None:
         """c, v and L at the samples, by the plan's forces."""
         plan, k = self.plan, self._k
-        t = (self.times_s - plan.times_s[k])[:, None]
+        t = (self.times_s - plan.ends_s[k])[:, None]
         mass = plan.problem.robot.mass_kg
         fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
         push = self.forces_n.sum(axis=1) / mass + fall
@@ -101,7 +101,7 @@ class LeapBody:
     def _turn(self) -> None:
         """Feet, joints and the rotation that follows from both, in turns."""
         plan = self.plan
-        share = (self.times_s - plan.times_s[self._k]) / np.diff(plan.times_s)[self._k]
+        share = (self.times_s - plan.ends_s[self._k]) / np.diff(plan.ends_s)[self._k]
         table = plan.rotation_rad
         self.rotation = rotations_of(
             table[self._k] + share[:, None] * (table[self._k + 1] - table[self._k])
@@ -130,7 +130,7 @@ class LeapBody:
         the other's.
         """
         plan = self.plan
-        facing = np.array([patch.normal for patch in patches_of(plan)])
+        facing = np.array([patch.normal for patch in plan.patches])
         shape = (len(self.times_s), len(self._radii), 3)
         self.centres_m, self.normals, self._moves = (np.zeros(shape) for _ in range(3))
         for i in range(shape[1]):
@@ -150,7 +150,7 @@ class LeapBody:
         rows = np.arange(max(first, 0), min(last, len(self.times_s) - 1) + 1)
         here = slice(rows[0], rows[-1] + 1)
         leaves, lands = self._flight(limb, rows)
-        begin, end = (float(self.plan.times_s[k]) for k in (leaves, lands))
+        begin, end = (float(self.plan.ends_s[k]) for k in (leaves, lands))
         times = np.clip(self.times_s[here], begin, end)
         at = [
             rows[0] if first >= 0 else rows[-1],
@@ -244,7 +244,7 @@ class LeapBody:
 
         Forces jump where a limb leaves or lands, and the acceleration there is that of both sides.
         """
-        ends, forces = self.plan.times_s, self.plan.forces_n
+        ends, forces = self.plan.ends_s, self.plan.forces_n
         lasts = np.diff(ends)[:, None, None]
         once = np.concatenate([np.zeros_like(forces[:1]), np.cumsum(forces * lasts, axis=0)])
         grown = once[:-1] * lasts + 0.5 * forces * lasts**2
@@ -303,8 +303,8 @@ def feet_of_leap(plan: LeapPlan) -> Played:
     one. A foot in the air goes straight in the frame of the body, from where it left to where it
     lands.
     """
-    leap, ends = plan.problem, plan.times_s
-    patches = patches_of(plan)
+    leap, ends = plan.problem, plan.ends_s
+    patches = plan.patches
     facing = np.array([patch.normal for patch in patches])
     friction = np.array([patch.friction for patch in patches])
     radii, holds = leap.robot.foot_radii_m, leap.holds[leap.interval_phases]
@@ -420,7 +420,7 @@ def leap_motion(plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST
     vectors = CubicSpline(body.times_s, body.rotation_rad, bc_type="clamped")
     centres = CubicSpline(body.times_s, body.centres_m, bc_type="clamped")
     normals, rates = make_interp_spline(body.times_s, body.normals, k=1), vectors.derivative()
-    duration_s = float(plan.times_s[-1]) + settle_s + rest_s
+    duration_s = float(plan.ends_s[-1]) + settle_s + rest_s
 
     def at(times_s: float | Array) -> Samples:
         times = np.asarray(times_s, dtype=np.float64)
@@ -439,7 +439,7 @@ def leap_motion(plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST
             normals=np.where(stands, base.normals, facing),
         )
 
-    rests = float(plan.times_s[-1]) + settle_s + SETTLE_S if rest_s > SETTLE_S else duration_s
+    rests = float(plan.ends_s[-1]) + settle_s + SETTLE_S if rest_s > SETTLE_S else duration_s
     return Played(
         at=at,
         knots_s=np.linspace(0.0, duration_s, int(np.ceil(duration_s / _KNOT_S)) + 1),
@@ -462,4 +462,4 @@ def _committed_s(plan: LeapPlan) -> list[float]:
         return []
     pushes = np.linalg.norm(plan.forces_n.sum(axis=1), axis=1) > _LIGHT * leap.weight_n
     lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
-    return [float(plan.times_s[max(int(lifts[-1]) + 1 - _PUSHES, 0) if len(lifts) else 0])]
+    return [float(plan.ends_s[max(int(lifts[-1]) + 1 - _PUSHES, 0) if len(lifts) else 0])]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import Plan, patches_of
+from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -47,7 +47,7 @@ def touch_downs_m(plan: Plan) -> Array:
     """Distance beyond its place that each foot comes down along its patch's normal, 0 where the
     ground is exact, (P,) [m].
     """
-    patches = patches_of(plan)
+    patches = plan.patches
     spread = np.zeros(len(patches))
     if all(patch.certainty is None for patch in patches):
         return spread
@@ -232,7 +232,7 @@ class PlanPath:
             )
         self.solids = solids_of(course.terrain)
         self._around = Solids(self.solids)
-        patches = patches_of(plan)
+        patches = plan.patches
         self.normals = np.array([patch.normal for patch in patches])
         self.friction = np.array([patch.friction for patch in patches])
         self.radii_m = course.robot.foot_radii_m

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,6 +191,8 @@ class Leap:
         [('LF', 'RF', 'LH', 'RH'), (), ('LF', 'RF', 'LH', 'RH')]
     """
 
+    word: ClassVar[str] = "leap"
+    counts: ClassVar[str] = "interval"
     name: str
     robot: Robot
     phases: tuple[Phase, ...]
@@ -291,6 +293,30 @@ class Leap:
     def patch(self, foothold: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
         """The patch under a foothold for a choice of candidates, shape (P,)."""
         return self.footholds[foothold].candidates[int(choice[foothold])]
+
+    def columns(self, rows: int = 0) -> dict[str, tuple[int, ...]]:
+        """The shape of each array of an answer, by name; the timing is one number."""
+        count, placed = self.intervals, len(self.footholds)
+        return {
+            "timing": (),
+            "choice": (placed,),
+            "com_m": (count + 1, 3),
+            "velocity_m_s": (count + 1, 3),
+            "momentum_m2_s": (count + 1, 3),
+            "rotation_rad": (count + 1, 3),
+            "toes_m": (placed, 3),
+            "forces_n": (count, len(self.robot.limbs), 3),
+            "legs_turn_rad": (count, 3),
+            "gather": (2,),
+        }
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes an answer: it has to begin and end at rest, and to be
+        judged with its legs.
+        """
+        if not all(self.still):
+            return "it begins or ends in motion"
+        return "its legs are not known: plan it with --robot FILE" if unchecked else ""
 
     def _check_phases(self, where: str) -> None:
         ends = [self.phases[0], self.phases[-1]] if self.phases else []

@@ -37,6 +37,7 @@ from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
+from ..robot.robot_file import joint_names
 from ..terrain.patch import Frame, Patch
 from ..terrain.polygon import sole_offsets, sole_region
 from .contact import (
@@ -52,6 +53,7 @@ from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
 
 Value = TypeVar("Value")
 MOST_FRAMES = 1000
+NOBODY_CARRIES = "no limb carries between frames"
 _MOST_TILT_RAD = 0.5
 """Largest limit of the tilt in a course [rad]."""
 _ROUND_M = 10.0
@@ -120,6 +122,7 @@ class Problem:
     """
 
     FORMAT: ClassVar = "stancekit/course/1"
+    word: ClassVar[str] = "plan"
 
     name: str
     robot: Robot
@@ -318,6 +321,41 @@ class Problem:
             wrench=wrench,
         )
         return _posture(contacts, robot, **body)
+
+    @property
+    def counts(self) -> str:
+        """What moments of an answer count; a posture has one alone."""
+        return "" if self.is_posture else "frame"
+
+    def columns(self, rows: int = 0) -> dict[str, tuple[int, ...]]:
+        """The shape of each array of a plan, by name; joints of a posture are not computed."""
+        limbs, placed = len(self.robot.limbs), len(self.footholds)
+        shapes: dict[str, tuple[int, ...]] = {
+            "com_m": (self.frames, 3),
+            "rotation_rad": (self.frames, 3),
+            "toes_m": (placed, 3),
+            "choice": (placed,),
+            "forces_n": (len(self.stances), limbs, 3),
+        }
+        if self.has_soles:
+            soles = (limb.sole_m for limb in self.robot.limbs)
+            points = max(1 if sole is None else len(sole) for sole in soles)
+            shapes["points_m"] = (placed, points, 3)
+            shapes["point_forces_n"] = (len(self.stances), limbs, points, 3)
+        if (self.robot.own and not self.is_posture) or not self.has_soles:
+            joints = 0 if self.is_posture else len(joint_names(self.robot))
+            shapes["joints_rad"] = (self.frames, joints)
+        return {**shapes, "modes": (self.frames,)}
+
+    def hindrance(self, unchecked: Sequence[str]) -> str:
+        """The reason why no runner executes a plan, whatever the world; empty where one may."""
+        if self.is_posture:
+            return ""
+        if self.uncarried:
+            return NOBODY_CARRIES
+        if self.has_soles and not self.robot.own:
+            return "its feet are soles of unknown legs"
+        return self.robot.hindrance
 
     def posture_with(self, **changes: Any) -> Problem:
         """The posture problem with other arguments of ``Problem.posture``.

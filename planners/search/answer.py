@@ -17,6 +17,7 @@ import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate
+from ..answer.motion import Motion
 from ..answer.plan import Plan
 from ..arguments import check_argument, hints_of
 from ..equilibrium.layout import Index
@@ -310,14 +311,15 @@ def plan_of(
     """
     chosen = scaled.chosen(choice)
     forces, soles = chosen.forces_si(point)
-    return Plan(
+    return Motion(
         problem=problem,
         com_m=scaled.places_m(point.com),
         rotation_rad=point.rotation,
         toes_m=scaled.places_m(point.toes),
         choice=choice,
         forces_n=forces,
-        **soles,
+        points_m=soles.get("points_m"),
+        point_forces_n=soles.get("point_forces_n"),
         modes=modes,
         provenance=provenance or {},
     )
@@ -337,10 +339,10 @@ def objective_of(plan: Plan) -> float:
     return cost + weights.toe_step * float(np.sum(steps**2))
 
 
-Taken = TypeVar("Taken", Plan, Certificate)
+Taken = TypeVar("Taken", Motion[Any], Certificate)
 _NUMBERS = {
     Certificate: ("tree", "multipliers"),
-    Plan: (
+    Motion: (
         "com_m",
         "rotation_rad",
         "toes_m",
@@ -432,9 +434,9 @@ def _asked(planner: Any, problem: Problem, where: str) -> tuple[dict[str, Any], 
     """
     with foreign(where):
         claim, rest, solves = planner.solve(deepcopy(problem)), dict[str, Any](), 0
-        if claim is not None and not isinstance(claim, Answer | Plan | Certificate):
+        if claim is not None and not isinstance(claim, Answer | Motion | Certificate):
             raise InvalidInput(
-                f"{where}: expected an Answer, a Plan, a Certificate or None, got {_a(claim)}"
+                f"{where}: expected an Answer, a Motion, a Certificate or None, got {_a(claim)}"
             )
         evidence: Any
         certificate: Any
@@ -450,7 +452,7 @@ def _asked(planner: Any, problem: Problem, where: str) -> tuple[dict[str, Any], 
             rest["details"] = {
                 _text(key, where): float(value) for key, value in claim.details.items()
             }
-        rest["plan"] = _taken(Plan, evidence, where, problem=problem)
+        rest["plan"] = _taken(Motion, evidence, where, problem=problem)
         rest["certificate"] = _taken(Certificate, certificate, where)
         return rest, solves
 
@@ -474,7 +476,7 @@ def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | N
         return None
     if not isinstance(found, kind):
         raise InvalidInput(f"{where}: expected a {kind.__name__} as evidence, got {_a(found)}")
-    if isinstance(found, Plan):
+    if isinstance(found, Motion):
         given["provenance"] = {
             "planner": where.partition(" ")[2],
             "said": _plain(dict(found.provenance)),

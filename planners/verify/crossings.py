@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..answer.certificate import Crossing
-from ..answer.plan import LeapPlan, Plan, patches_of
+from ..answer.motion import Motion
+from ..answer.plan import LeapPlan, Plan
 from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -64,12 +65,12 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
 
 def _defect(crossing: Crossing) -> str:
     """Reason why the parts are not parts of one way; empty where there is none."""
-    first = crossing.problem
+    first = crossing.problem.course
     terrain, robot, gravity = to_json(first.terrain), to_json(first.robot), first.gravity_m_s2
     for k, part in enumerate(crossing.parts, 1):
         other = differs(first.robot, part.problem.robot)
         rules: list[tuple[object, str]] = [(other, f"the robot of part 1, got another: {other}")]
-        if isinstance(part, Plan):
+        if part.keyed:
             asked, limbs = part.problem, "the robot of part 1, got another: their limbs differ"
             rules += [
                 (to_json(asked.terrain) != terrain, "the terrain of part 1, got another"),
@@ -104,7 +105,7 @@ def differs(mine: Robot, other: Robot) -> str:
 
 def _parts(crossing: Crossing) -> Iterator[Group]:
     for k, part in enumerate(crossing.parts, 1):
-        if isinstance(part, Plan):
+        if part.keyed:
             yield _verdict(f"{k}: climb", check_plan(part, joints=True))
             continue
         leapt = check_leap(part, body=True)
@@ -126,7 +127,7 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
 
 def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
-    off = off_terrain(crossing.problem.terrain, patches_of(plan), np.asarray(plan.toes_m))
+    off = off_terrain(crossing.problem.terrain, plan.patches, np.asarray(plan.toes_m))
     j = int(np.argmax(off))
     yield Group(f"{k}: ground", value=float(off[j]), unit="m", where=plan.problem.footholds[j].limb)
     name, around = f"{k}: flight", Obstacles.of(crossing.problem.terrain)
@@ -158,11 +159,11 @@ def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -
     return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
 
 
-def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
+def _end(part: Motion[Any], *, last: bool) -> _End:
     """State in which a part begins, or ends."""
     k = -1 if last else 0
     com, rotation = part.com_m[k], part.rotation_rad[k]
-    if isinstance(part, Plan):
+    if part.keyed:
         angles = None if part.joints_rad is None else part.joints_rad[k]
         return com, rotation, part.toes_at(part.problem.frames - 1 if last else 0), angles
     toes = part.toes_m[part.problem.holds[k]]
@@ -174,7 +175,7 @@ def _end(part: Plan | LeapPlan, *, last: bool) -> _End:
 
 def _proof(crossing: Crossing) -> Iterator[Group]:
     """The proof that no balanced motion leads from start to goal, where there is one."""
-    proof = crossing.certificate
+    proof = crossing.problem.certificate
     if proof is None:
         return
     other = _another(crossing, proof.problem)
@@ -188,7 +189,7 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
 
 def _another(crossing: Crossing, problem: Any) -> str:
     """What a proof speaks of in place of the way of a crossing; empty for that way."""
-    first, last = crossing.problem, crossing.parts[-1].problem
+    first, last = crossing.problem.course, crossing.parts[-1].problem
     if problem is None or differs(crossing.robot, problem.robot):
         return "of another robot"
     if to_json(getattr(problem, "terrain", ())) != to_json(first.terrain):

@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan, patches_of
+from ..answer.motion import LATER
+from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
@@ -104,7 +105,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
     def turned(self) -> Array:
         """Θ at the ends of intervals less the plan's, shape (M + 1, 3) [rad]."""
         body, plan = self.leap_body, self.leap_body.plan
-        at = np.array([np.interp(plan.times_s, body.times_s, row) for row in body.rotation_rad.T]).T
+        at = np.array([np.interp(plan.ends_s, body.times_s, row) for row in body.rotation_rad.T]).T
         return np.asarray(at - plan.rotation_rad)
 
     def dips(self) -> tuple[Array, Array]:
@@ -112,7 +113,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         one that it comes to, each over its half of the flight, shape (K, N) each [m].
         """
         body, plan = self.leap_body, self.leap_body.plan
-        normals, holds = np.array([patch.normal for patch in patches_of(plan)]), body.holds
+        normals, holds = np.array([patch.normal for patch in plan.patches]), body.holds
         left, lands = np.zeros(holds.shape), np.zeros(holds.shape)
         for i in range(holds.shape[1]):
             for first, last in gaps(holds[:, i] >= 0):
@@ -151,7 +152,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
         unlimited = f"no velocity limit of {', '.join(slow)}" if slow else ""
         weak = "; ".join(filter(None, (unlimited, *model.lines_of(model.torque_doubts))))
         speed = np.where(self._limited, self.speed(), 0.0)
-        turned, ends = np.abs(self.turned), self.leap_body.plan.times_s
+        turned, ends = np.abs(self.turned), self.leap_body.plan.ends_s
         unsure = "; ".join(model.limit_doubts)
         for name, values, limit, names, times_s, limbs, why in (
             ("joints", self.off_toes(), JOINTS_M, feet, times, feet, unsure),
@@ -165,7 +166,7 @@ class LeapBodyMeasurements(MovingBodyMeasurements):
             group = worst_group(name, values, limit, unit, names, times_s, limbs=limbs)
             yield as_far_as_known(group, why)
         if bodies:
-            around = obstacles or Obstacles.of(patches_of(self.leap_body.plan))
+            around = obstacles or Obstacles.of(self.leap_body.plan.patches)
             yield looked_at("bodies", lambda: self.bodies("bodies", around))
 
 
@@ -243,7 +244,7 @@ def _defect(plan: LeapPlan) -> str:
     leap = plan.problem
     if not 0 <= plan.timing < len(leap.timings_s):
         return f"timing: expected 0 to {len(leap.timings_s) - 1}, got {plan.timing}"
-    if defect := arrays_defect(plan, plan.shapes(leap), plan.LATER, 1e9):
+    if defect := arrays_defect(plan, leap.columns(), LATER, 1e9):
         return defect
     gather = LEAST_GATHER if plan.gather is None else plan.gather
     if not np.all((gather >= LEAST_GATHER) & (gather <= MOST_GATHER)):

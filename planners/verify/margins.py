@@ -24,7 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from ..answer.plan import Plan, patches_of
+from ..answer.motion import Motion
+from ..answer.plan import Plan
 from ..answer.report import Group, Report
 from ..files.arrays import Array, cross
 from ..problem.problem import Stance
@@ -66,7 +67,7 @@ def stance_margins(
     def least(found: Margins) -> Array:
         return np.where(np.isposinf(found.upper), unknown, found.lower)
 
-    plans = [plan] if isinstance(plan, Plan) else plan
+    plans = [plan] if isinstance(plan, Motion) else plan
     at, weight_n = Stances.together(list(map(stances_of, plans))), plans[0].problem.weight_n
     measures = {
         "push_n": lambda: weight_n * least(at.margins(pushes(at.borne, yields_m))),
@@ -198,7 +199,7 @@ def stances_of(plan: Plan, least: float = 0.0) -> Stances:
         for offset in course.offsets_m[foot][int(plan.choice[foot])]
     ]
     index, frames, feet, offsets = (np.array([row[k] for row in rows]) for k in range(4))
-    chosen = patches_of(plan)
+    chosen = plan.patches
     low, high = (course.force_n / course.weight_n * bounds[feet] for bounds in course.force_bounds)
     aside = np.minimum(-low[:, 1:], high[:, 1:]).min(axis=1) / np.maximum(high[:, 0], _SLICK)
     friction = np.array([patch.friction for patch in chosen])[feet]

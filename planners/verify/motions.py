@@ -87,6 +87,22 @@ COLUMNS = {
     "effort": "torques_nm",
 }
 """Groups that compare a column with what follows from the others, where the table has it."""
+_PLACED = ("origin_m", "quaternion")
+NEEDS = {
+    "contact_gap": (*_PLACED, "contact"),
+    **dict.fromkeys(
+        ("penetration", "slip", "balance", "bodies", "com", "turning", "feet"), _PLACED
+    ),
+    **dict.fromkeys(("forces", "cone", "swing_force", "effort"), (*_PLACED, "forces_n")),
+}
+"""The columns that groups need beside times and angles."""
+_WITHOUT = {
+    **dict.fromkeys(_PLACED, "where the body is and how it is turned is not known"),
+    "contact": "no contacts in the file: they are derived from the distance",
+    "forces_n": "no forces in the file",
+}
+_OF_THREE = ("balance", "forces", "rates", "com_velocity", "turning", "effort")
+"""Groups that need three rows, too."""
 _NO_LIMIT_RAD_S = 10.0
 """Speed in place of the limit of a joint that has none."""
 
@@ -279,40 +295,14 @@ class _Measured:
         self.weight_n = robot.mass_kg * kinematics.gravity_m_s2
         self.height_m = model.stand_height_m
         self.missing = dict[str, str]()
-        if not {"origin_m", "quaternion"} <= set(self.known):
-            lost = "where the body is and how it is turned is not known"
-            self.missing |= dict.fromkeys(
-                (
-                    "contact_gap",
-                    "penetration",
-                    "slip",
-                    "balance",
-                    "forces",
-                    "cone",
-                    "swing_force",
-                    "bodies",
-                    "com",
-                    "turning",
-                    "feet",
-                    "effort",
-                ),
-                lost,
-            )
-            if "com_m" not in self.known:
-                self.missing["com_velocity"] = lost
+        needs = NEEDS if "com_m" in self.known else {**NEEDS, "com_velocity": _PLACED}
+        for name, columns in needs.items():
+            if lacks := [_WITHOUT[column] for column in columns if column not in self.known]:
+                self.missing[name] = lacks[0]
         if len(self.times_s) < 3:
-            few = "fewer than three rows"
-            for name in ("balance", "forces", "rates", "com_velocity", "turning", "effort"):
-                self.missing[name] = few
+            self.missing |= dict.fromkeys(_OF_THREE, "fewer than three rows")
         if "quaternion" in self.known:
             _ = table.rotation  # what is none is refused, whatever asks for it
-        if "contact" not in self.known:
-            self.missing.setdefault(
-                "contact_gap", "no contacts in the file: they are derived from the distance"
-            )
-        if "forces_n" not in self.known:
-            for name in ("forces", "cone", "swing_force", "effort"):
-                self.missing.setdefault(name, "no forces in the file")
         if "torques_nm" not in self.known and "effort" in self.missing:
             self.missing["torque"] = "no torques in the file"
 

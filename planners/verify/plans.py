@@ -25,7 +25,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..answer.plan import WHOLE_BODY, Plan, patches_of
+from ..answer.plan import WHOLE_BODY, Plan
 from ..answer.report import PLAN_GROUPS, Group, Report
 from ..files.arrays import Array, cross
 from ..motion.path import touch_downs_m
@@ -71,7 +71,7 @@ def ground_group(plan: Plan) -> Group | None:
     it is.
     """
     course = plan.problem
-    patches = patches_of(plan)
+    patches = plan.patches
     sure = [
         (p, *known)
         for p, patch in enumerate(patches)
@@ -193,7 +193,7 @@ class _Sweep:
         self._shoulders = np.array([limb.shoulder_m for limb in plan.problem.robot.limbs])
         self._reach = np.array([limb.reach_m for limb in plan.problem.robot.limbs])
         self._rows = reach_rows(plan.problem.robot.limbs)
-        self._patches = patches_of(plan)
+        self._patches = plan.patches
         footholds = plan.problem.footholds
         self._limb = np.array([self._names.index(foothold.limb) for foothold in footholds])
         self._frame = np.array([foothold.frame for foothold in footholds])

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.plan import NOBODY_CARRIES, WHOLE_BODY, Plan
+from ..answer.motion import LATER
+from ..answer.plan import WHOLE_BODY, Plan
 from ..answer.report import (
     GROUPS,
     LATE,
@@ -27,6 +28,7 @@ from ..answer.report import (
 from ..errors import InvalidInput, TimeEnded
 from ..files.arrays import LARGEST, Array
 from ..problem import Problem
+from ..problem.problem import NOBODY_CARRIES
 from ..robot.robot_file import Servo
 from .bodies import check_bodies
 from .geometry import counts_of, exact_and_linear, forces_defect, length, row_counts
@@ -291,7 +293,7 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     """
     course = plan.problem
     most = float(np.finfo(np.float64).max) if course.is_posture else LARGEST
-    defect = arrays_defect(plan, plan.shapes(course), plan.LATER, most)
+    defect = arrays_defect(plan, course.columns(), LATER, most)
     if defect or not plan.choice.any():
         return defect or _points_defect(plan), -1, ""
     for foothold, chosen in zip(course.footholds, plan.choice, strict=True):

@@ -189,7 +189,7 @@ def _defect_of(trajectory: Trajectory, step_s: float) -> str:
         return f"times_s: expected four samples or more, got {count}"
     asked = trajectory.problem
     if defect := (
-        arrays_defect(trajectory, trajectory.shapes(asked, count))
+        arrays_defect(trajectory, asked.columns(count))
         or arrays_defect(asked, {"adhesive": (feet,), "start": (2,), "goal": (2,)})
     ):
         return defect

@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, archive_of, checked
 from stancekit.planners.files.writing import replaced, write_bytes
@@ -61,12 +59,12 @@ class Moved:
     open_loop: str = ""
 
 
-def scene_of(subject: Motion) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
+def scene_of(subject: Motion[Any]) -> tuple[Robot | None, tuple[str, ...], Terrain, float]:
     """Robot that moves, None where its legs are not known, the names of its limbs, the terrain, and
     gravity.
     """
     robot: Robot | None = subject.robot
-    if isinstance(subject, Trajectory):
+    if subject.has("times_s"):
         try:
             robot = walking_robot(subject.robot)
         except InvalidInput:
@@ -444,7 +442,7 @@ def write_moved(moved: Moved, to: str, path: Path) -> None:
             raise InvalidInput(f"{path}: expected {name} as it was written, got other values")
 
 
-def moved_of(subject: Motion, to: str, rate_hz: float = RATE_HZ, source: str = "") -> Moved:
+def moved_of(subject: Motion[Any], to: str, rate_hz: float = RATE_HZ, source: str = "") -> Moved:
     """Sample the motion of a plan, a walk or a leap for a format.
 
     Arguments:
@@ -472,7 +470,7 @@ def moved_of(subject: Motion, to: str, rate_hz: float = RATE_HZ, source: str = "
     joints = () if motion is None or robot is None else joint_names(robot)
     name = "" if robot is None else robot.name
     table = table_of(sampled, limbs, joints, rate_hz, robot=name, source=source)
-    keys = reached_s(motion).tolist() if motion is not None and isinstance(subject, Plan) else ()
+    keys = reached_s(motion).tolist() if motion is not None and subject.keyed else ()
     return Moved(
         table=table,
         motion=sampled,

@@ -18,10 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.certificate import Crossing
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import LeapPlan, Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.gait_motion import (
@@ -558,7 +556,7 @@ def _check_static(
 log = logging.getLogger(__name__)
 
 
-def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Played:
+def streamed(subject: Motion[Any]) -> Played:
     """The motion of a plan, a walk, a leap or a crossing as ``run`` streams it where nothing disturbs it, ``RATE_HZ``
     rows per second.
 
@@ -572,15 +570,16 @@ def streamed(subject: Plan | Trajectory | LeapPlan | Crossing) -> Played:
     return feet_motion(subject)
 
 
-def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
+def joint_motion(subject: Motion[Any], rate_hz: float = RATE_HZ) -> Played:
     """The motion of a plan, a walk, a leap or a crossing with its joints, as ``run`` streams it, so
     many rows per second.
 
     Raises InvalidInput where joints are not known or ``run`` would refuse them.
     """
-    if isinstance(subject, LeapPlan) and not subject.robot.own:
+    if subject.has("timing") and not subject.robot.own:
         raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
-    robot = walking_robot(subject.robot) if isinstance(subject, Trajectory) else subject.robot
+    walks = subject.has("times_s")
+    robot = walking_robot(subject.robot) if walks else subject.robot
     kinematics = Kinematics(robot, gravity_m_s2=subject.gravity_m_s2)
     drives = Drives.of(kinematics.model)
 
@@ -589,27 +588,24 @@ def joint_motion(subject: Motion, rate_hz: float = RATE_HZ) -> Played:
         motion, wished = unhurried_plan(plan, kinematics, drives)
         return parametrize(motion, kinematics, drives, drives=drives, wished=wished)
 
-    match subject:
-        case Plan():
-            profile = timed(subject)
-        case Trajectory():
-            motion = gait_motion(subject, robot.foot_radii_m)
-            profile = timed_gait(motion, resolved(motion, kinematics), kinematics, drives, drives)
-        case LeapPlan() | Crossing():
-            motion = (
-                leap_motion(subject)
-                if isinstance(subject, LeapPlan)
-                else crossing_motion(subject, [timed(plan).motion for plan in plans_of(subject)])
-            )
-            return joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives).played()
-        case _:
-            raise TypeError(f"expected a motion, got a {type(subject).__name__}")
+    if subject.keyed:
+        profile = timed(subject)
+    elif walks:
+        motion = gait_motion(subject, robot.foot_radii_m)
+        profile = timed_gait(motion, resolved(motion, kinematics), kinematics, drives, drives)
+    else:
+        motion = (
+            crossing_motion(subject, [timed(plan).motion for plan in plans_of(subject)])
+            if subject.has("parts")
+            else leap_motion(subject)
+        )
+        return joint_profile(motion, kinematics, rate_hz, balanced=True, drives=drives).played()
     if rate_hz != RATE_HZ:
         profile = joint_profile(
             profile.motion,
             kinematics,
             rate_hz,
-            balanced=isinstance(subject, Trajectory),
+            balanced=walks,
             drives=drives,
             wished=profile.wished,
         )

@@ -33,7 +33,7 @@ def envelopes(problems) -> stancekit.EnvelopeSet:
 
 
 @pytest.fixture(scope="module")
-def plan() -> stancekit.Plan:
+def plan() -> stancekit.Motion:
     return stancekit.plan("walls", frames=2).solution
 
 
@@ -64,7 +64,7 @@ def test_envelopes_and_modes_come_back(envelopes, tmp_path):
 
 def test_plans_and_courses_come_back_and_a_plan_is_verified_as_it_is_written(plan, tmp_path):
     stancekit.save(plan, tmp_path / "plan.json")
-    again = stancekit.load(tmp_path / "plan.json", stancekit.Plan)
+    again = stancekit.load(tmp_path / "plan.json", stancekit.Motion)
     np.testing.assert_array_equal(again.forces_n, plan.forces_n)
     assert json.loads((tmp_path / "plan.json").read_text())["verified"]
     stancekit.save(plan.problem, tmp_path / "course.json")
@@ -89,7 +89,7 @@ def test_a_walk_comes_back(tmp_path):
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
     walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").solution
     stancekit.save(walk, tmp_path / "walk.json")
-    assert stancekit.load(tmp_path / "walk.json", stancekit.Trajectory).digest == walk.digest
+    assert stancekit.load(tmp_path / "walk.json", stancekit.Motion).digest == walk.digest
 
 
 def test_yaml_is_a_course_or_a_robot_and_a_folder_a_data_set(tmp_path):
@@ -146,14 +146,14 @@ def test_an_answer_is_written_with_its_own_report_or_its_certificate(problems, t
 def test_what_is_no_answer_and_answers_of_another_question_are_refused(problems, plan):
     with refuses("subject", "Problem"):
         stancekit.verify(problems[0])
-    with refuses("Plan"):
+    with refuses("plan"):
         stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution)
 
 
 def test_a_posture_has_a_file_and_is_not_run(tmp_path):
     posture = stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution
     stancekit.save(posture, tmp_path / "a.json")
-    again = stancekit.load(tmp_path / "a.json", stancekit.Plan)
+    again = stancekit.load(tmp_path / "a.json", stancekit.Motion)
     assert again.digest == posture.digest
     assert stancekit.verify(tmp_path / "a.json").accepted
     for name, call in (

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit import Answer, Plan, Status
+from stancekit import Answer, Motion, Status
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import make_planner
 from stancekit.planners.terrain.patch import Frame
@@ -228,12 +228,12 @@ class Says:
 
 
 @pytest.fixture(scope="module")
-def held() -> Answer[Plan]:
+def held() -> Answer[Motion]:
     return stancekit.solve(stancekit.sample("ground-3", rng=3)[0])
 
 
 @pytest.fixture(scope="module")
-def refuted() -> Answer[Plan]:
+def refuted() -> Answer[Motion]:
     return stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
 
 
@@ -396,7 +396,7 @@ def test_a_plan_that_is_moved_and_turned_with_its_world_is_that_plan(
     (tmp_path / "dog.urdf").write_text(quadruped())
     who = stancekit.robot("hexapod" if robot == "hexapod" else tmp_path / "dog.urdf")
     path = QUESTIONS["step-small"].file(tmp_path)
-    ground, plans = stancekit.terrain(path, robot=who), list[stancekit.Answer[stancekit.Plan]]()
+    ground, plans = stancekit.terrain(path, robot=who), list[stancekit.Answer[stancekit.Motion]]()
     worlds = [
         Frame(origin_m=np.array([400_000.0, 90_000.0, 0.0])),
         Frame(origin_m=np.array([4000.0, -3.0, 1.0]), heading_rad=-2.0),
@@ -415,7 +415,7 @@ def test_a_plan_that_is_moved_and_turned_with_its_world_is_that_plan(
 
 
 def test_a_plan_that_is_mirrored_with_its_world_is_that_plan_mirrored(tmp_path: Path) -> None:
-    mirror, plans = np.array([1.0, -1.0, 1.0]), list[stancekit.Plan]()
+    mirror, plans = np.array([1.0, -1.0, 1.0]), list[stancekit.Motion]()
     floor, block = [-1.2, 1.8, -0.9, 1.3, 0.0], [0.1, 0.5, 0.2, 0.6, 0.05]
     for left in (1.0, -1.0):
         boxes = [[a, b, *sorted((left * c, left * d)), top] for a, b, c, d, top in (floor, block)]
@@ -450,7 +450,7 @@ def test_a_place_that_is_refused_is_named_as_it_was_given() -> None:
 def test_a_plan_of_a_robot_of_any_size_is_one_plan_scaled(
     size: float, legs: bool, tmp_path: Path
 ) -> None:
-    plans = list[stancekit.Plan]()
+    plans = list[stancekit.Motion]()
     for each in (1.0, size):
         robot: stancekit.Robot = stancekit.hexapod()
         limbs = [

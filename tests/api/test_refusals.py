@@ -302,13 +302,13 @@ def test_a_mapping_is_taken_as_files_take_it():
 
 
 @pytest.fixture(scope="module")
-def plan() -> stancekit.Plan:
+def plan() -> stancekit.Motion:
     found = stancekit.plan("stairs", frames=2).solution
     assert found is not None
     return found
 
 
-def test_a_world_that_was_made_before_pulls_as_the_plan_is_for(plan: stancekit.Plan) -> None:
+def test_a_world_that_was_made_before_pulls_as_the_plan_is_for(plan: stancekit.Motion) -> None:
     for gravity_m_s2, verb in ((1.62, stancekit.run), (1.62, stancekit.simulate)):
         world = WORLDS.get("mujoco").make(
             WorldSettings(robot=plan.problem.robot, gravity_m_s2=gravity_m_s2)

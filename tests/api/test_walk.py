@@ -139,7 +139,7 @@ def test_postures_between_walls_are_bent_until_the_torque_is_enough() -> None:
         assert (answer.report.accepted, "bodies" in answer.report.unchecked) == (True, True)
         assert answer.details["torque_nm"] <= 10.0
         order = [plan.problem.robot.limb_names.index(name) for name in problem.legs]
-        posture = stancekit.Plan.of_posture(
+        posture = stancekit.Motion.of_posture(
             problem,
             com_m=plan.com_m[0],
             rotation_rad=plan.rotation_rad[0],

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
+from stancekit import Motion, WalkQuestion
 from stancekit.cli.bench import judge
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.gait.walk_table import read_walk, table_of, walk_names
 from stancekit.planners.plugins import FILE
 from stancekit.planners.robot.walker import anymal
@@ -153,7 +153,7 @@ KEYS = {
 }
 
 
-def standing() -> Trajectory:
+def standing() -> Motion:
     """ANYmal on level ground, a quarter of the weight on every foot, which are placed evenly about
     it.
     """
@@ -163,7 +163,7 @@ def standing() -> Trajectory:
     )
     force = np.array([0.0, 0.0, 0.25 * robot.weight_n])
     count = len(TIMES_S)
-    return Trajectory(
+    return Motion(
         times_s=TIMES_S,
         torso_m=np.tile([0.0, 0.0, robot.stand_height_m], (count, 1)),
         rotation=np.tile(np.eye(3), (count, 1, 1)),
@@ -190,7 +190,7 @@ def folder(tmp_path) -> Path:
     return tmp_path
 
 
-def verdicts(trajectory: Trajectory) -> dict[str, float]:
+def verdicts(trajectory: Motion) -> dict[str, float]:
     return {group.name: group.value for group in check_trajectory(trajectory).groups}
 
 

@@ -10,9 +10,8 @@ import pytest
 import yaml
 
 import stancekit as library
+from stancekit import Certificate, Motion
 from stancekit.envs.data.dataset import Dataset
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.question_file import answer_from_json, read_envelopes
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
@@ -93,7 +92,7 @@ class Centres:
             return None
         local = found.x[3:].reshape(count, 3)
         world = np.einsum("kij,kj->ki", frames, local)
-        return stancekit.Plan.of_posture(problem, com_m=found.x[:3], rotation_rad=np.zeros(3), toes_m=toes,
+        return stancekit.Motion.of_posture(problem, com_m=found.x[:3], rotation_rad=np.zeros(3), toes_m=toes,
                                          forces_n=world)
 
 
@@ -642,9 +641,9 @@ class Late(Planner):
     """Its posture is another one every other time that it is looked at."""
     def solve(self, problem):
         found = Exact().solve(problem).solution
-        class Shifting(stancekit.Plan):
+        class Shifting(stancekit.Motion):
             def to_json(self):
-                return {**stancekit.Plan.to_json(self), "com_m": [0.0, 0.0, 9.0]}
+                return {**stancekit.Motion.to_json(self), "com_m": [0.0, 0.0, 9.0]}
         return found and Shifting(**{name: value for name, value in vars(found).items()})
 
 class EasierCourse(Planner):
@@ -686,7 +685,7 @@ class Wordless(Exception):
         raise ValueError
 
 Text, Number, Table = returning("feasible"), returning(5), returning({"status": "feasible"})
-Empty, EmptyPosture = (returning(object.__new__(kind)) for kind in (stancekit.Answer, stancekit.Plan))
+Empty, EmptyPosture = (returning(object.__new__(kind)) for kind in (stancekit.Answer, stancekit.Motion))
 Raises, Leaves, LeavesQuietly = raising(ValueError("so\\nit is")), raising(SystemExit("bye")), raising(SystemExit(0))
 Piped, Deep, Silent = raising(BrokenPipeError("pipe")), raising(RecursionError("deep")), raising(Wordless())
 PostureText, ProofNumber, StatusText = said(solution="here"), said(certificate=3), said(status="maybe")
@@ -694,7 +693,7 @@ Message, Claim, Details, Solves = said(message=object()), said(claim=b"x"), said
     effort=stancekit.Effort(solves="x")
 )
 CourseMessage, CourseProof = told(message=object()), told(certificate="no")
-Blank = returning(object.__new__(stancekit.Plan))
+Blank = returning(object.__new__(stancekit.Motion))
 
 class Prints(returning(None)):
     def solve(self, problem):
@@ -754,7 +753,7 @@ def test_whatever_a_planner_does_an_answer_is_one_to_the_problem_that_was_asked(
         assert line["status"] in (true, "undecided")
         answer = answer_from_json(line, problem)
         if line["status"] == "feasible":
-            assert isinstance(answer, Plan)
+            assert isinstance(answer, Motion)
             assert check_plan(answer).accepted
         elif line["status"] == "infeasible":
             assert isinstance(answer, Certificate)
@@ -775,18 +774,18 @@ def test_a_planner_that_changes_its_course_plans_for_none_that_was_asked_for(lia
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Text", "expected an Answer, a Plan, a Certificate or None, got a str, 'feasible'"),
-        ("Number", "expected an Answer, a Plan, a Certificate or None, got a int, 5"),
-        ("Table", "expected an Answer, a Plan, a Certificate or None, got a dict, "),
+        ("Text", "expected an Answer, a Motion, a Certificate or None, got a str, 'feasible'"),
+        ("Number", "expected an Answer, a Motion, a Certificate or None, got a int, 5"),
+        ("Table", "expected an Answer, a Motion, a Certificate or None, got a dict, "),
         ("Empty", "AttributeError: 'Answer' object has no attribute "),
-        ("EmptyPosture", "AttributeError: 'Plan' object has no attribute "),
+        ("EmptyPosture", "AttributeError: 'Motion' object has no attribute "),
         ("Raises", "ValueError: so it is"),
         ("Leaves", "SystemExit: bye"),
         ("LeavesQuietly", "SystemExit: 0"),
         ("Piped", "BrokenPipeError: pipe"),
         ("Deep", "RecursionError: deep"),
         ("Silent", "Wordless: "),
-        ("PostureText", "expected a Plan as evidence, got a str, 'here'"),
+        ("PostureText", "expected a Motion as evidence, got a str, 'here'"),
         ("ProofNumber", "expected a Certificate as evidence, got a int, 3"),
         ("StatusText", "ValueError: 'maybe' is not a valid Status"),
         ("Message", "expected text in its outcome, got a object, "),
@@ -811,8 +810,8 @@ def test_a_planner_that_is_none_is_one_line(name, said, garbage, stancekit, writ
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("Text", "expected an Answer, a Plan, a Certificate or None, got a str, 'feasible'"),
-        ("Blank", "AttributeError: 'Plan' object has no attribute "),
+        ("Text", "expected an Answer, a Motion, a Certificate or None, got a str, 'feasible'"),
+        ("Blank", "AttributeError: 'Motion' object has no attribute "),
         ("CourseMessage", "expected text in its outcome, got a object, "),
         ("CourseProof", "expected a Certificate as evidence, got a str, 'no'"),
         ("Raises", "ValueError: so it is"),

@@ -16,10 +16,10 @@ import numpy as np
 import pytest
 import yaml
 
+from stancekit import Motion
 from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import RunMotion
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
@@ -432,7 +432,7 @@ def test_what_is_no_log_is_bad_input(folder: Path, capsys: pytest.CaptureFixture
 
 
 @cache
-def step() -> Plan:
+def step() -> Motion:
     outcome = TwoStage().solve(read_course("walls", frames=2))
     assert outcome.solution is not None
     return outcome.solution

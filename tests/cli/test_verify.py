@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 
 import stancekit as library
-from stancekit import exports
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import Motion, exports
 from stancekit.planners.files.writing import alone_in
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
@@ -239,7 +237,7 @@ FORGED_PLANS = ("weight missing", "a toe moved", "a limb that moves carries", "t
 
 
 @cache
-def walks_of() -> dict[str, Trajectory]:
+def walks_of() -> dict[str, Motion]:
     forged = {
         name: walks.KINDS[name](walk(), 2.0, np.random.default_rng(2)) for name in FORGED_WALKS
     }
@@ -251,7 +249,7 @@ def walks_of() -> dict[str, Trajectory]:
 
 
 @cache
-def plans_of() -> dict[str, Plan]:
+def plans_of() -> dict[str, Motion]:
     forged = {
         name: stances.PLANS[name](plan(), 3.0, np.random.default_rng(3)) for name in FORGED_PLANS
     }

@@ -12,6 +12,7 @@ import trimesh
 import yaml
 from PIL import Image
 
+from stancekit import Motion, WalkQuestion
 from stancekit.configs import config_path
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
@@ -19,7 +20,6 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.network import Architecture, BoxNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
 from stancekit.planners.formats.motion_file import write_certificate, write_motion
 from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course, spec_from
@@ -130,7 +130,7 @@ def _gaits(folder: Path) -> None:
     robot = hexapod_walker()
     terrain = HeightField.from_function(lambda x, y: 0.0 * x, 1.0, 0.5, name="level")
     at, count = np.array([0.0, 0.0, robot.stand_height_m]), 21
-    still = Trajectory(
+    still = Motion(
         times_s=0.005 * np.arange(count),
         torso_m=np.tile(at, (count, 1)),
         rotation=np.tile(np.eye(3), (count, 1, 1)),

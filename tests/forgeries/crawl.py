@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from stancekit.planners.answer.trajectory import STEP_S, Trajectory, WalkQuestion
+from stancekit import Motion
+from stancekit.planners.answer.trajectory import STEP_S, WalkQuestion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import anymal
@@ -19,7 +20,7 @@ ORDER = (2, 0, 3, 1)
 """LH, LF, RH, RF: one foot after the other."""
 
 
-def crawl(friction: float = 0.75) -> Trajectory:
+def crawl(friction: float = 0.75) -> Motion:
     """The body leans away from a foot, the foot steps, and so on; at last the body goes to the
     middle of the feet.
     """
@@ -57,7 +58,7 @@ def crawl(friction: float = 0.75) -> Trajectory:
     torso = np.column_stack([np.array(bodies), np.full(len(bodies), robot.stand_height_m)])
     toes = np.concatenate([np.array(places), np.array(heights)[..., None]], axis=2)
     contact, count = np.array(stands), len(bodies)
-    return Trajectory(
+    return Motion(
         times_s=STEP_S * np.arange(count),
         torso_m=torso,
         rotation=np.tile(np.eye(3), (count, 1, 1)),

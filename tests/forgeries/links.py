@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 import pinocchio
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import Motion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.path import PlanPath
@@ -60,14 +59,14 @@ class Strung:
     the joints at the moments of its motion, shape (T, J) [rad].
     """
 
-    answer: Plan | Trajectory
+    answer: Motion
     links: tuple[str, str]
     centres_m: tuple[Array, Array]
     angles: Array
 
 
 @cache
-def honest_plan() -> Plan:
+def honest_plan() -> Motion:
     """A quadruped of a file of its own walks on level ground."""
     with TemporaryDirectory() as folder:
         (Path(folder) / "dog.urdf").write_text(dressed())
@@ -77,7 +76,7 @@ def honest_plan() -> Plan:
     return with_joints(plan)
 
 
-def strung(answer: Plan | Trajectory, when: float, size: float, rng: np.random.Generator) -> Strung:
+def strung(answer: Motion, when: float, size: float, rng: np.random.Generator) -> Strung:
     """Two balls that are ``size`` tolerances inside each other at most. when: how far from one
     moment that the verifier looks at to the next, 0 at the first of them.
     """
@@ -130,7 +129,7 @@ def fault(forged: Strung) -> str:
 
 def verdict(forged: Strung) -> tuple[bool, str]:
     """The verifier's, and the group that refused it."""
-    if isinstance(forged.answer, Trajectory):
+    if forged.answer.has("times_s"):
         walk = check_trajectory(forged.answer)
         return walk.accepted, walk.refused[0].name if walk.refused else walk.defect
     report = check_plan(forged.answer, joints=True)
@@ -153,9 +152,9 @@ KINDS: dict[str, Callable[[float, np.random.Generator], Strung]] = {
 }
 
 
-def _motion(answer: Plan | Trajectory) -> tuple[RobotModel, Array]:
+def _motion(answer: Motion) -> tuple[RobotModel, Array]:
     """The robot's model, and its joints at the moments that the verifier looks at."""
-    if isinstance(answer, Plan):
+    if answer.keyed:
         assert answer.problem.robot.model is not None
         solver = Kinematics(answer.problem.robot, gravity_m_s2=answer.problem.gravity_m_s2)
         return answer.problem.robot.model, JointPath(PlanPath(answer), solver).judged()[1].angles
@@ -164,8 +163,8 @@ def _motion(answer: Plan | Trajectory) -> tuple[RobotModel, Array]:
     return answer.robot.model, body.spaced()[1].angles
 
 
-def _with_model(answer: Plan | Trajectory, model: RobotModel) -> Any:
-    if isinstance(answer, Trajectory):
+def _with_model(answer: Motion, model: RobotModel) -> Any:
+    if answer.has("times_s"):
         return answer.asked(robot=replace(answer.robot, model=model))
     return replace(
         answer, problem=replace(answer.problem, robot=replace(answer.problem.robot, model=model))

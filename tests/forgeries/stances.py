@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from stancekit import Certificate, Motion
 from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
@@ -24,14 +23,14 @@ TOLERANCE = 1e-6
 scale."""
 
 
-def honest_plan() -> Plan:
+def honest_plan() -> Motion:
     """Three key frames between walls."""
     plan = TwoStage().solve(read_course(config_path("courses/walls.yaml"), 3)).solution
     assert plan is not None
     return plan
 
 
-def honest_posture() -> Plan:
+def honest_posture() -> Motion:
     """A problem on three patches with its witness."""
     rng = np.random.default_rng(3)
     while True:
@@ -81,7 +80,7 @@ def contact_fault(
     return ""
 
 
-def posture_fault(posture: Plan) -> str:
+def posture_fault(posture: Motion) -> str:
     """Why nobody stands like that; empty where the judge does not know."""
     problem, com, turn, forces = (
         posture.problem,
@@ -105,7 +104,7 @@ def posture_fault(posture: Plan) -> str:
     return stance_fault(com, turn, posture.toes_m, forces, weight, length)
 
 
-def plan_fault(plan: Plan) -> str:
+def plan_fault(plan: Motion) -> str:
     """Why nobody climbs like that; empty where the judge does not know."""
     course, length, weight = plan.problem, plan.problem.length_scale_m, plan.problem.weight_n
     room = 1.5 * TOLERANCE * length
@@ -161,7 +160,7 @@ def _moved(
 ) -> Callable[..., Any]:
     """A forgery of one array of a plan or a posture."""
 
-    def forge(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
+    def forge(plan: Motion, size: float, rng: np.random.Generator) -> Motion:
         scale, length = plan.problem.weight_n, plan.problem.length_scale_m
         array = np.array(getattr(plan, name))
         unit = (
@@ -240,7 +239,7 @@ def _far_body(_: Any, array: Array, unit: float, rng: np.random.Generator) -> Ar
     return array
 
 
-def _tilt(plan: Plan, array: Array, unit: float, rng: np.random.Generator) -> Array:
+def _tilt(plan: Motion, array: Array, unit: float, rng: np.random.Generator) -> Array:
     limit = plan.problem.tilt_limit_rad
     body = array[rng.integers(len(array))]
     body[rng.integers(3)] = rng.choice([-1.0, 1.0]) * (limit + unit)
@@ -263,7 +262,7 @@ SHARED: dict[str, Callable[..., Any]] = {
 POSTURES = SHARED
 
 
-def _idle(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
+def _idle(plan: Motion, size: float, rng: np.random.Generator) -> Motion:
     forces = np.array(plan.forces_n)
     rows = [row for row, one in enumerate(plan.problem.stances) if len(one.limbs) < forces.shape[1]]
     row = rows[rng.integers(len(rows))]
@@ -272,15 +271,15 @@ def _idle(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     return replace(plan, forces_n=forces)
 
 
-def _swapped_frames(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
+def _swapped_frames(plan: Motion, size: float, rng: np.random.Generator) -> Motion:
     return replace(plan, com_m=plan.com_m[::-1])
 
 
-def _swapped_stances(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
+def _swapped_stances(plan: Motion, size: float, rng: np.random.Generator) -> Motion:
     return replace(plan, forces_n=np.roll(plan.forces_n, 1 + int(size) % 2, axis=0))
 
 
-def _icy(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
+def _icy(plan: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The patches of a foothold without friction: another task under the same answer."""
     footholds = tuple(
         replace(
@@ -294,7 +293,7 @@ def _icy(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     return replace(plan, problem=replace(plan.problem, footholds=footholds))
 
 
-def _heavier(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
+def _heavier(plan: Motion, size: float, rng: np.random.Generator) -> Motion:
     robot = replace(
         plan.problem.robot, mass_kg=plan.problem.robot.mass_kg * (1.0 + 2.0 * TOLERANCE * size)
     )

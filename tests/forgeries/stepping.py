@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
+from stancekit import Motion, WalkQuestion
 from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.terrain.heightfield import HeightField
@@ -30,7 +30,7 @@ def dressed(effort: float = 60.0) -> str:
 
 
 @cache
-def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
+def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Motion:
     """On level ground, the body shifts away from LF, which swings and comes down where it was, and
     back.
     """
@@ -67,7 +67,7 @@ def stepping(effort: float = 60.0, swing_s: float = 0.3) -> Trajectory:
     places = np.tile(np.column_stack([toes[:, :2], np.zeros(4)]), (COUNT, 1, 1))
     places[:, model.leg_names.index("LF"), 2] = 0.05 * 64.0 * (air * (1.0 - air)) ** 3
     line = np.linspace(-2.0, 2.0, 17)
-    return Trajectory(
+    return Motion(
         times_s=times,
         torso_m=torso,
         rotation=np.tile(np.eye(3), (COUNT, 1, 1)),

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.trajectory import STEP_S, Trajectory
+from stancekit import Motion
+from stancekit.planners.answer.trajectory import STEP_S
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain.heightfield import HeightField
 
 from .crawl import balanced
 
-Forge = Callable[[Trajectory, float, np.random.Generator], Trajectory]
+Forge = Callable[[Motion, float, np.random.Generator], Motion]
 KINDS: dict[str, Forge] = {}
 
 
@@ -30,7 +31,7 @@ def kind(forge: Forge) -> Forge:
     return forge
 
 
-def changed(walk: Trajectory, **changes: Any) -> Trajectory:
+def changed(walk: Motion, **changes: Any) -> Motion:
     """The walk with other arrays, or asked otherwise."""
     return replace(
         walk.asked(**{name: changes.pop(name) for name in vars(walk.problem) if name in changes}),
@@ -38,9 +39,7 @@ def changed(walk: Trajectory, **changes: Any) -> Trajectory:
     )
 
 
-def rebalanced(
-    walk: Trajectory, feet: Array | None = None, contact: Array | None = None
-) -> Trajectory:
+def rebalanced(walk: Motion, feet: Array | None = None, contact: Array | None = None) -> Motion:
     """With feet or contacts of its own, and forces that hold the body all the same."""
     toes = walk.feet_m if feet is None else feet
     down = walk.contact if contact is None else contact
@@ -49,7 +48,7 @@ def rebalanced(
     )
 
 
-def swings(walk: Trajectory) -> list[tuple[int, int, int]]:
+def swings(walk: Motion) -> list[tuple[int, int, int]]:
     """(foot, first, last) of the samples of every swing."""
     found = []
     for foot in range(walk.contact.shape[1]):
@@ -58,12 +57,12 @@ def swings(walk: Trajectory) -> list[tuple[int, int, int]]:
     return found
 
 
-def a_swing(walk: Trajectory, rng: np.random.Generator) -> tuple[int, int, int]:
+def a_swing(walk: Motion, rng: np.random.Generator) -> tuple[int, int, int]:
     """One of them."""
     return swings(walk)[rng.integers(4)]
 
 
-def a_moment(walk: Trajectory, rng: np.random.Generator, room: int = 60) -> int:
+def a_moment(walk: Motion, rng: np.random.Generator, room: int = 60) -> int:
     """A sample away from both ends."""
     return int(rng.integers(room, walk.samples - room))
 
@@ -73,7 +72,7 @@ def a_moment(walk: Trajectory, rng: np.random.Generator, room: int = 60) -> int:
 
 
 @kind
-def skating(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def skating(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """All feet slide ahead with the body, and contacts swap from pair to pair every few samples."""
     ahead = 0.05 * size * (np.arange(walk.samples) / walk.samples)[:, None] * [1.0, 0.0, 0.0]
     contact, every = np.zeros_like(walk.contact), int(rng.integers(1, 9))
@@ -90,13 +89,13 @@ def skating(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
 
 
 @kind
-def skating_on_ice(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def skating_on_ice(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The same without any friction."""
     return changed(skating(walk, size, rng), friction=0.0)
 
 
 @kind
-def sliding(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def sliding(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot slides by so many millimetres in half a second while it stands, and stays there."""
     foot, first, _ = a_swing(walk, rng)
     begin = int(rng.integers(10, first - 110)) if first > 130 else 10
@@ -110,7 +109,7 @@ def sliding(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
 
 
 @kind
-def slipping_at_once(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def slipping_at_once(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot jumps while it stands, by less than a slip, faster than a foot that stands may be."""
     feet, at, foot = np.array(walk.feet_m), int(rng.integers(5, 30)), int(rng.integers(4))
     feet[at:, foot, 0] += 0.01 * size * STEP_S
@@ -118,7 +117,7 @@ def slipping_at_once(walk: Trajectory, size: float, rng: np.random.Generator) ->
 
 
 @kind
-def swapped_contacts(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def swapped_contacts(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """All feet rest on the ground, and contacts swap so fast that no foot stands or swings for a
     tenth of a second.
     """
@@ -130,7 +129,7 @@ def swapped_contacts(walk: Trajectory, size: float, rng: np.random.Generator) ->
 
 
 @kind
-def short_stance(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def short_stance(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot touches the ground in the middle of its swing for an instant, and carries."""
     foot, first, last = a_swing(walk, rng)
     middle, half = (first + last) // 2, max(1, int(10 / size))
@@ -141,7 +140,7 @@ def short_stance(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
 
 
 @kind
-def short_swing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def short_swing(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot is said to be in the air for an instant, and stays where it is."""
     at, foot, contact = int(rng.integers(5, 30)), int(rng.integers(4)), np.array(walk.contact)
     contact[at : at + max(1, int(18 / size)), foot] = False
@@ -153,13 +152,13 @@ def short_swing(walk: Trajectory, size: float, rng: np.random.Generator) -> Traj
 
 
 @kind
-def ice(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def ice(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The honest forces on ground without friction."""
     return changed(walk, friction=0.0)
 
 
 @kind
-def little_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def little_friction(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The honest forces on ground of so little friction that the largest of them slides."""
     normal, flat = walk.forces_n[..., 2], np.linalg.norm(walk.forces_n[..., :2], axis=-1)
     beyond = 1e-3 * size * walk.robot.weight_n
@@ -168,7 +167,7 @@ def little_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> 
 
 
 @kind
-def residual_as_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def residual_as_friction(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """On ice, the horizontal forces left out of the file: the balances lack what only friction
     could give.
     """
@@ -177,7 +176,7 @@ def residual_as_friction(walk: Trajectory, size: float, rng: np.random.Generator
 
 
 @kind
-def weight_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def weight_missing(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A share of the weight is missing for a while."""
     share, forces = rng.uniform(0.15, 0.35), np.array(walk.forces_n)
     lasts = max(2, int(0.01 * size / share / STEP_S) + 1)
@@ -187,19 +186,19 @@ def weight_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> T
 
 
 @kind
-def weight_missing_always(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def weight_missing_always(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A small share is missing all the time."""
     return changed(walk, forces_n=walk.forces_n * (1.0 - 0.016 * size))
 
 
 @kind
-def weight_too_much(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def weight_too_much(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The feet press more than the robot weighs, all the time."""
     return changed(walk, forces_n=walk.forces_n * (1.0 + 0.016 * size))
 
 
 @kind
-def pulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def pulse(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """One sample of a force that nothing answers."""
     forces, at = np.array(walk.forces_n), a_moment(walk, rng)
     standing = np.flatnonzero(walk.contact[at])
@@ -208,7 +207,7 @@ def pulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory
 
 
 @kind
-def hop_without_impulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def hop_without_impulse(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The body goes up and down by an impulse that no foot gives."""
     at, lasts = a_moment(walk, rng, 150), 20
     share = np.clip((np.arange(walk.samples) - at) / lasts, 0.0, 1.0)
@@ -218,7 +217,7 @@ def hop_without_impulse(walk: Trajectory, size: float, rng: np.random.Generator)
 
 
 @kind
-def floating(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def floating(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """No foot carries for some samples, and the body stays where it is."""
     at, lasts = a_moment(walk, rng), max(2, int(size))
     forces = np.array(walk.forces_n)
@@ -227,7 +226,7 @@ def floating(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
 
 
 @kind
-def heavier_robot(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def heavier_robot(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """Another mass under the same forces."""
     return changed(
         walk, robot=replace(walk.robot, mass_kg=walk.robot.mass_kg * (1.0 + 0.02 * size))
@@ -235,7 +234,7 @@ def heavier_robot(walk: Trajectory, size: float, rng: np.random.Generator) -> Tr
 
 
 @kind
-def moment_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def moment_missing(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """Front feet carry a little more than the balance of moments gives them, hind feet less, all
     the time.
     """
@@ -248,7 +247,7 @@ def moment_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> T
 
 
 @kind
-def moment_pulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def moment_pulse(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """One sample of a moment that nothing answers."""
     forces, at = np.array(walk.forces_n), a_moment(walk, rng)
     down = walk.contact[at, [0, 1]], walk.contact[at, [2, 3]]
@@ -259,13 +258,13 @@ def moment_pulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
 
 
 @kind
-def time_squeezed(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def time_squeezed(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The same motion and forces in less time."""
     return changed(walk, times_s=walk.times_s / (1.0 + 0.25 * size))
 
 
 @kind
-def played_backwards_forces(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def played_backwards_forces(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The forces of another moment of the walk."""
     return changed(walk, forces_n=np.roll(walk.forces_n, round(20 * size), axis=0))
 
@@ -275,7 +274,7 @@ def played_backwards_forces(walk: Trajectory, size: float, rng: np.random.Genera
 
 
 @kind
-def outside_the_cone(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def outside_the_cone(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """Two feet press against each other, harder than their cones allow."""
     forces, at = np.array(walk.forces_n), int(rng.integers(5, 30))
     beyond = walk.problem.friction * forces[at, :, 2] + 1e-3 * size * walk.robot.weight_n
@@ -286,7 +285,7 @@ def outside_the_cone(walk: Trajectory, size: float, rng: np.random.Generator) ->
 
 
 @kind
-def pulling(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def pulling(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot without suction pulls, and the others carry more."""
     forces, at = np.array(walk.forces_n), int(rng.integers(5, 30))
     more = forces[at, 0, 2] + 1e-3 * size * walk.robot.weight_n
@@ -297,7 +296,7 @@ def pulling(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
 
 
 @kind
-def sucking(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def sucking(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot that sticks pulls with more than its suction."""
     forces, at, sucks = np.array(walk.forces_n), int(rng.integers(5, 30)), rng.uniform(0.0, 100.0)
     more = forces[at, 0, 2] + sucks + 1e-3 * size * walk.robot.weight_n
@@ -308,7 +307,7 @@ def sucking(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
 
 
 @kind
-def shearing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def shearing(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """Feet that stick press against each other with more than suction and friction hold."""
     forces, at, sucks = np.array(walk.forces_n), int(rng.integers(5, 30)), rng.uniform(0.0, 100.0)
     push = float(
@@ -321,7 +320,7 @@ def shearing(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
 
 
 @kind
-def squeezing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def squeezing(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """Feet that stick press against each other with a force that no leg has."""
     forces, at, push = (
         np.array(walk.forces_n),
@@ -334,7 +333,7 @@ def squeezing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajec
 
 
 @kind
-def pressing_in_the_air(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def pressing_in_the_air(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A swinging foot carries."""
     foot, first, last = a_swing(walk, rng)
     forces = np.array(walk.forces_n)
@@ -343,7 +342,7 @@ def pressing_in_the_air(walk: Trajectory, size: float, rng: np.random.Generator)
 
 
 @kind
-def standing_in_the_air(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def standing_in_the_air(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot that is said to stand is above the ground, or below it."""
     feet, foot = np.array(walk.feet_m), int(rng.integers(4))
     stands = walk.contact[:, foot]
@@ -352,7 +351,7 @@ def standing_in_the_air(walk: Trajectory, size: float, rng: np.random.Generator)
 
 
 @kind
-def contact_before_touching(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def contact_before_touching(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot carries before it has come down."""
     foot, _, last = a_swing(walk, rng)
     heights = walk.feet_m[:, foot, 2]
@@ -367,7 +366,7 @@ def contact_before_touching(walk: Trajectory, size: float, rng: np.random.Genera
 
 
 @kind
-def through_the_ground(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def through_the_ground(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A swinging foot dives into the ground."""
     foot, first, last = a_swing(walk, rng)
     share = np.linspace(0.0, 1.0, last - first + 3)[1:-1]
@@ -377,7 +376,7 @@ def through_the_ground(walk: Trajectory, size: float, rng: np.random.Generator) 
 
 
 @kind
-def dragged(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def dragged(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot that is said to swing goes along the ground, as far as the step is long."""
     foot, first, last = a_swing(walk, rng)
     feet = np.array(walk.feet_m)
@@ -386,7 +385,7 @@ def dragged(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajecto
 
 
 @kind
-def low_swing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def low_swing(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A swing is lower than anything that could be called one."""
     foot, first, last = a_swing(walk, rng)
     feet = np.array(walk.feet_m)
@@ -395,7 +394,7 @@ def low_swing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajec
 
 
 @kind
-def tripping(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def tripping(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A swinging foot touches the ground half-way, smoothly."""
     foot, first, last = a_swing(walk, rng)
     share = np.linspace(0.0, 1.0, last - first + 3)[1:-1]
@@ -405,7 +404,7 @@ def tripping(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
 
 
 @kind
-def through_a_post(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def through_a_post(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A post stands in the way of a swinging foot."""
     foot, first, last = a_swing(walk, rng)
     x, y = walk.feet_m[(first + last) // 2, foot, :2]
@@ -424,7 +423,7 @@ def through_a_post(walk: Trajectory, size: float, rng: np.random.Generator) -> T
 
 
 @kind
-def teleport(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def teleport(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The body is somewhere else from one sample to the next."""
     at, ahead = a_moment(walk, rng), 5e-3 * size
     torso = np.array(walk.torso_m)
@@ -433,7 +432,7 @@ def teleport(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
 
 
 @kind
-def foot_teleport(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def foot_teleport(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A swinging foot is somewhere else from one sample to the next."""
     foot, first, last = a_swing(walk, rng)
     feet = np.array(walk.feet_m)
@@ -442,7 +441,7 @@ def foot_teleport(walk: Trajectory, size: float, rng: np.random.Generator) -> Tr
 
 
 @kind
-def rushing_foot(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def rushing_foot(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A foot goes from its place and back within a few samples, faster than legs are."""
     foot, first, last = a_swing(walk, rng)
     feet = np.array(walk.feet_m)
@@ -451,7 +450,7 @@ def rushing_foot(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
 
 
 @kind
-def spinning(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def spinning(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The body turns to one side and back by moments that nobody gives."""
     at, lasts = a_moment(walk, rng, 100), 30
     share = np.clip((np.arange(walk.samples) - at) / lasts, 0.0, 1.0)
@@ -461,13 +460,13 @@ def spinning(walk: Trajectory, size: float, rng: np.random.Generator) -> Traject
 
 
 @kind
-def facing_elsewhere(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def facing_elsewhere(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The body does not face where it is asked to, all the way."""
     turned = Rotation.from_euler("z", rng.choice([-1.0, 1.0]) * 0.01 * size).as_matrix()
     return changed(walk, rotation=np.tile(turned, (walk.samples, 1, 1)))
 
 
-def part(walk: Trajectory, first: int, end: int) -> Trajectory:
+def part(walk: Motion, first: int, end: int) -> Motion:
     """Some samples, with start and goal where they are."""
     rows = {
         name: getattr(walk, name)[first:end]
@@ -483,26 +482,26 @@ def part(walk: Trajectory, first: int, end: int) -> Trajectory:
     )
 
 
-def speeding(walk: Trajectory, speed: float) -> int:
+def speeding(walk: Motion, speed: float) -> int:
     """The first sample at which the body is this fast [m/s]."""
     speeds = np.linalg.norm(np.diff(walk.torso_m, axis=0), axis=1) / STEP_S
     return int(np.flatnonzero(speeds > speed)[0])
 
 
 @kind
-def starting_in_motion(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def starting_in_motion(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The walk begins while the body moves."""
     return part(walk, speeding(walk, 5e-3 * size), walk.samples)
 
 
 @kind
-def ending_in_motion(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def ending_in_motion(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The walk ends while the body moves."""
     return part(walk, 0, speeding(walk, 5e-3 * size) + 2)
 
 
 @kind
-def leaning_at_the_end(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def leaning_at_the_end(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The walk ends with the acceleration of a fall that has not begun."""
     torso, late = np.array(walk.torso_m), np.arange(walk.samples) - walk.samples + 21
     torso[:, 0] += 0.5 * 0.02 * size * 9.81 * (STEP_S * np.clip(late - 10, 0, None)) ** 2
@@ -510,7 +509,7 @@ def leaning_at_the_end(walk: Trajectory, size: float, rng: np.random.Generator) 
 
 
 @kind
-def out_of_reach(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def out_of_reach(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The body is so high that legs are too long, or so low that they are too short."""
     body, foot = np.array(walk.torso_m), walk.robot.feet[0]
     reach = -foot.reach_min_m[2] if rng.random() < 0.5 else -foot.reach_max_m[2]
@@ -519,7 +518,7 @@ def out_of_reach(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
 
 
 @kind
-def trunk_in_a_stone(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def trunk_in_a_stone(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """A stone is where the trunk goes."""
     high = walk.robot.stand_height_m - walk.robot.trunk_half_m[2] + 1e-3 * size
     stone = HeightField.from_function(
@@ -529,7 +528,7 @@ def trunk_in_a_stone(walk: Trajectory, size: float, rng: np.random.Generator) ->
 
 
 @kind
-def another_goal(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def another_goal(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The walk ends beside its goal, or begins beside its start."""
     way = rng.uniform(0.0, 2.0 * np.pi)
     off = 5e-3 * size * np.array([np.cos(way), np.sin(way)])
@@ -538,7 +537,7 @@ def another_goal(walk: Trajectory, size: float, rng: np.random.Generator) -> Tra
 
 
 @kind
-def off_the_map(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def off_the_map(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The terrain ends before the walk does."""
     x = float(walk.feet_m[..., 0].max()) - 1e-3 * size
     lines, across = np.linspace(x - 2.0, x, 9), np.linspace(-1.0, 1.0, 9)
@@ -546,7 +545,7 @@ def off_the_map(walk: Trajectory, size: float, rng: np.random.Generator) -> Traj
 
 
 @kind
-def another_terrain(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def another_terrain(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The same walk over ground that is inclined, or wavy."""
     slope = 2e-3 * size / 0.2
     bent = HeightField.from_function(
@@ -556,7 +555,7 @@ def another_terrain(walk: Trajectory, size: float, rng: np.random.Generator) -> 
 
 
 @kind
-def another_slope(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def another_slope(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """The whole walk turned onto a slope that its friction does not hold, weight and all."""
     steep = float(np.arctan(walk.problem.friction) + 0.02 * size)
     turn = Rotation.from_euler("y", -steep).as_matrix()
@@ -578,7 +577,7 @@ def another_slope(walk: Trajectory, size: float, rng: np.random.Generator) -> Tr
 
 
 @kind
-def stretched_body(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+def stretched_body(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     """What is said to be a rotation is none, or a reflection."""
     if rng.random() < 0.5:
         return changed(walk, rotation=walk.rotation * np.array([1.0, 1.0, -1.0]))

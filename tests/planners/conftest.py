@@ -13,7 +13,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import Problem
@@ -37,7 +37,7 @@ def programs() -> Programs:
 
 
 @pytest.fixture(scope="session")
-def walk() -> Callable[..., Plan]:
+def walk() -> Callable[..., Motion]:
     """``walk(frames, gait)``: level ground, the body at constant speed, every stance held by
     vertical forces.
 
@@ -47,7 +47,7 @@ def walk() -> Callable[..., Plan]:
     return _walk
 
 
-def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
+def _walk(frames: int = 5, gait: str = "tripod") -> Motion:
     robot = hexapod()
     lifted = {
         "tripod": [TRIPODS[k % 2] for k in range(frames)],
@@ -90,7 +90,7 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
             course.weight_n * np.linalg.pinv(balance) @ [1.0, *com[stance.frame, :2]]
         )
     choice = [len(foothold.candidates) - 1 for foothold in footholds]
-    return Plan(
+    return Motion(
         problem=course,
         com_m=com,
         rotation_rad=np.zeros((frames, 3)),

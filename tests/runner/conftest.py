@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.walk_table import GaitSettings
@@ -26,11 +26,11 @@ from tests.emulators.memory_world import MemoryWorld
 
 
 @pytest.fixture(scope="session")
-def step() -> Callable[[str], Plan]:
+def step() -> Callable[[str], Motion]:
     """``step(course)``: a plan of two key frames."""
 
     @cache
-    def plan(course: str) -> Plan:
+    def plan(course: str) -> Motion:
         outcome = TwoStage().solve(read_course(course, frames=2))
         assert outcome.solution is not None
         return outcome.solution
@@ -39,7 +39,7 @@ def step() -> Callable[[str], Plan]:
 
 
 @pytest.fixture
-def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
+def plan_path(tmp_path: Path, step: Callable[[str], Motion]) -> Path:
     """Its file, for walls."""
     path = tmp_path / "plan.json"
     write_motion(path, step("walls"), check_plan(step("walls")))
@@ -86,7 +86,7 @@ def gait() -> Attempted:
 
 
 @pytest.fixture(scope="session")
-def accepted(step: Callable[[str], Plan]) -> Accepted:
+def accepted(step: Callable[[str], Motion]) -> Accepted:
     """One step up the walls, verified."""
     return Accepted.verified(step("walls"), "walls")
 

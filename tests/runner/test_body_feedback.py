@@ -14,8 +14,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import stancekit
+from stancekit import Motion
 from stancekit.pictures import view_of
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.motion_file import write_motion
@@ -309,7 +309,7 @@ terrain: {kind: flat, friction: 0.7}
 
 
 @pytest.fixture(scope="module")
-def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def crawl(tmp_path_factory: pytest.TempPathFactory) -> Motion:
     folder = tmp_path_factory.mktemp("crawl")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(CRAWL)
@@ -320,7 +320,7 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 @pytest.mark.parametrize("rate_hz", [50.0])
 def test_a_quadruped_of_a_file_crawls_over_three_feet_and_none_of_them_slips(
-    crawl: Plan, rate_hz: float
+    crawl: Motion, rate_hz: float
 ) -> None:
     report = simulate(crawl, rate_hz=rate_hz)
     assert report.succeeded, report.message

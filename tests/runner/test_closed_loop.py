@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from stancekit import Answer, Motion, Status
 from stancekit.envs.distributions.postures import FIVE_LEGS
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.plan_motion import Timing
@@ -371,7 +370,7 @@ class Unless:
     def __init__(self, refuses: Callable[[Problem], bool]) -> None:
         self.refuses, self.seen = refuses, list[tuple[tuple[str, ...], ...]]()
 
-    def solve(self, course: Problem) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Motion]:
         self.seen.append(course.lifts)
         if self.refuses(course):
             return Answer(status=Status.UNDECIDED, method="told to", message="too hard")
@@ -391,7 +390,7 @@ def replanner(planner: Unless) -> tuple[Replanner, list[str]]:
     ), decided
 
 
-def lifted(plan: Plan) -> list[int]:
+def lifted(plan: Motion) -> list[int]:
     return [len(names) for names in plan.problem.lifts]
 
 

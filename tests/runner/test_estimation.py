@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.plan_motion import Timing, plan_motion
 from stancekit.planners.problem.course_file import read_course
@@ -131,7 +131,7 @@ def targets_of(motion: Played, kinematics: Kinematics) -> list[Target]:
 
 
 def test_joints_that_go_where_they_are_sent_say_where_the_body_is(
-    step: Callable[[str], Plan],
+    step: Callable[[str], Motion],
 ) -> None:
     kinematics = Kinematics(step("walls").problem.robot)
     targets = targets_of(plan_motion(step("walls")), kinematics)
@@ -146,7 +146,7 @@ def test_joints_that_go_where_they_are_sent_say_where_the_body_is(
 
 
 def test_a_body_that_sank_is_seen_by_the_joints_of_the_feet_that_stand(
-    step: Callable[[str], Plan],
+    step: Callable[[str], Motion],
 ) -> None:
     kinematics = Kinematics(step("walls").problem.robot)
     targets = targets_of(plan_motion(step("walls")), kinematics)[:20]
@@ -161,7 +161,9 @@ def test_a_body_that_sank_is_seen_by_the_joints_of_the_feet_that_stand(
     assert odometry_error_m(Record(pairs=pairs), kinematics) == pytest.approx(0.01, abs=5e-4)
 
 
-def test_it_says_what_a_world_measures_where_a_blind_run_goes(step: Callable[[str], Plan]) -> None:
+def test_it_says_what_a_world_measures_where_a_blind_run_goes(
+    step: Callable[[str], Motion],
+) -> None:
     plan = step("stairs")
     world, kept = make_world("mujoco", plan.problem.robot), Record()
     runner = Runner(world, settings=RunSettings(check_limits=False, blind=True))

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import MARGIN, Plan
+from stancekit import Motion
+from stancekit.planners.answer.plan import MARGIN
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.motion_file import write_motion
@@ -39,7 +40,7 @@ from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import assert_names, refuses
 
 FAST = RunSettings(timing=Timing().at_pace(2.0), limits=PATIENT)
-Step = Callable[[str], Plan]
+Step = Callable[[str], Motion]
 
 
 def ran(
@@ -404,7 +405,7 @@ def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accept
 UNCHECKED = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
 
 
-def executed(plan: Plan, world: str = "mujoco", **options: Any) -> Execution:
+def executed(plan: Motion, world: str = "mujoco", **options: Any) -> Execution:
     """What the record of a simulation says."""
     report = simulate(plan, world, **({"settings": UNCHECKED} | options))
     assert report.succeeded == report.execution.succeeded
@@ -412,13 +413,13 @@ def executed(plan: Plan, world: str = "mujoco", **options: Any) -> Execution:
 
 
 @pytest.fixture(scope="module")
-def climbed(step: Callable[[str], Plan]) -> Execution:
+def climbed(step: Callable[[str], Motion]) -> Execution:
     return executed(step("walls"))
 
 
 @pytest.mark.parametrize(("course", "world"), [("stairs", "mujoco"), ("walls", "bullet")])
 def test_a_step_is_executed_as_planned(
-    course: str, world: str, step: Callable[[str], Plan]
+    course: str, world: str, step: Callable[[str], Motion]
 ) -> None:
     pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
     run = executed(step(course), world)
@@ -453,7 +454,7 @@ def test_the_trace_is_consistent(climbed: Execution) -> None:
 
 
 def test_the_same_plan_runs_the_same_way_twice(
-    step: Callable[[str], Plan], climbed: Execution
+    step: Callable[[str], Motion], climbed: Execution
 ) -> None:
     again = executed(step("walls"))
     np.testing.assert_array_equal(again.trace.com_m, climbed.trace.com_m)
@@ -461,7 +462,7 @@ def test_the_same_plan_runs_the_same_way_twice(
 
 
 def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reported(
-    step: Callable[[str], Plan],
+    step: Callable[[str], Motion],
 ) -> None:
     plan = step("walls")
     settings = RunSettings(check_limits=False)
@@ -473,7 +474,7 @@ def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reporte
     assert run.seconds == pytest.approx(run.fallen_s)
 
 
-def test_what_is_not_good_enough_is_said_in_full(step: Callable[[str], Plan]) -> None:
+def test_what_is_not_good_enough_is_said_in_full(step: Callable[[str], Motion]) -> None:
     run = executed(
         step("walls"), settings=replace(UNCHECKED, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7))
     )

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.plan_motion import Timing, plan_motion
 from stancekit.planners.problem.contact import at_point
@@ -60,7 +60,7 @@ class Sent:
 
 
 @cache
-def light() -> Plan:
+def light() -> Motion:
     """A step on level ground of a robot that such servos carry."""
     course = read_course("ground-to-wall", frames=2)
     robot = replace(course.robot, mass_kg=5.0)
@@ -301,7 +301,7 @@ def carried(monkeypatch: pytest.MonkeyPatch) -> list[np.ndarray]:
 
 
 def test_a_world_is_told_what_the_plan_was_told(
-    carried: list[np.ndarray], step: Callable[[str], Plan]
+    carried: list[np.ndarray], step: Callable[[str], Motion]
 ) -> None:
     course = replace(
         read_course("stairs", 2),
@@ -326,7 +326,7 @@ def test_a_world_is_told_what_the_plan_was_told(
 
 
 def test_a_plan_that_was_told_of_a_load_presses_as_it_says_and_another_does_not(
-    step: Callable[[str], Plan],
+    step: Callable[[str], Motion],
 ) -> None:
     load = at_point((0.0, 0.0, -20.0), (0, 0, 0), (0.12, 0.1, 0.05))
     told = stancekit.plan("stairs", frames=2, settings=stancekit.PlanSettings(wrench=load)).solution
@@ -339,7 +339,7 @@ def test_a_plan_that_was_told_of_a_load_presses_as_it_says_and_another_does_not(
     assert said.planned_torque_nm > 1.1 * other.planned_torque_nm
 
 
-def test_what_is_no_wrench_or_no_simulation_is_refused(step: Callable[[str], Plan]) -> None:
+def test_what_is_no_wrench_or_no_simulation_is_refused(step: Callable[[str], Motion]) -> None:
     wrong: Any
     for wrong in ((1.0, 2.0), ("a", "b", "c"), (np.nan, 0.0, 0.0), 3.0):
         with refuses("wrench"):

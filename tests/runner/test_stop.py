@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from dynamixel_sdk import PortHandler
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.robot import hexapod
@@ -164,7 +164,7 @@ def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(
 
 
 @pytest.fixture(scope="module")
-def prepared(step: Callable[[str], Plan]) -> Prepared:
+def prepared(step: Callable[[str], Motion]) -> Prepared:
     return Runner(MemoryWorld(), settings=FAST).prepare(Accepted.verified(step("walls"), "walls"))
 
 

@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 import pytest
 
+from stancekit import Motion
 from stancekit.envs.distributions.courses import perturbed
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath, path_torques, plan_angles
@@ -73,17 +73,17 @@ CAN = MemoryWorld().capabilities
 
 
 @pytest.fixture(scope="module")
-def plan(step: Callable[[str], Plan]) -> Plan:
+def plan(step: Callable[[str], Motion]) -> Motion:
     return step("walls")
 
 
 @pytest.fixture(scope="module")
-def kinematics(plan: Plan) -> Kinematics:
+def kinematics(plan: Motion) -> Kinematics:
     return Kinematics(plan.problem.robot)
 
 
 @pytest.fixture(scope="module")
-def seen(plan: Plan, kinematics: Kinematics) -> JointProfile:
+def seen(plan: Motion, kinematics: Kinematics) -> JointProfile:
     return joint_profile(plan_motion(plan), kinematics)
 
 
@@ -92,14 +92,14 @@ def with_limits(**limits: float) -> Drives:
 
 
 def test_the_look_is_along_the_whole_motion_and_reaches_every_foot(
-    plan: Plan, seen: JointProfile
+    plan: Motion, seen: JointProfile
 ) -> None:
     assert seen.time_s[-1] == pytest.approx(plan_motion(plan).duration_s, abs=0.011)
     assert seen.error_m.max() < 1e-5
 
 
 def test_feet_of_the_angles_are_where_the_motion_has_them(
-    plan: Plan, seen: JointProfile, kinematics: Kinematics
+    plan: Motion, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     motion = plan_motion(plan)
     for row in range(0, len(seen.time_s), 40):
@@ -114,7 +114,7 @@ def test_feet_of_the_angles_are_where_the_motion_has_them(
 
 
 def test_velocities_scale_with_the_pace_and_accelerations_and_torques_with_its_square(
-    plan: Plan, seen: JointProfile, kinematics: Kinematics
+    plan: Motion, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     slow = joint_profile(plan_motion(plan, Timing().at_pace(0.5)), kinematics)
     for name, factor in (
@@ -130,7 +130,7 @@ def test_velocities_scale_with_the_pace_and_accelerations_and_torques_with_its_s
 
 
 def test_accelerating_torques_are_those_of_newton_and_euler(
-    seen: JointProfile, plan: Plan, kinematics: Kinematics
+    seen: JointProfile, plan: Motion, kinematics: Kinematics
 ) -> None:
     """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and
     of a rotor alone.
@@ -156,7 +156,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
 
 
 def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_verifier_counts(
-    plan: Plan,
+    plan: Motion,
 ) -> None:
     """Not the servos': those are of a hexapod, and heavy or light for others."""
     model = model_of(quadruped(effort=60.0))
@@ -176,7 +176,7 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
 
 
 def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(
-    plan: Plan, kinematics: Kinematics
+    plan: Motion, kinematics: Kinematics
 ) -> None:
 
     limbs, sample, still = (
@@ -198,14 +198,14 @@ def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(
     )
 
 
-def test_a_motion_within_all_limits_keeps_its_pace(plan: Plan, kinematics: Kinematics) -> None:
+def test_a_motion_within_all_limits_keeps_its_pace(plan: Motion, kinematics: Kinematics) -> None:
     found = parametrize(plan_motion(plan, Timing().at_pace(0.5)), kinematics, CAN)
     assert (found.motion.pace, found.motion.bound_by) == (1.0, "")
     assert np.abs(found.velocity_rad_s).max() <= LIMIT_SHARE * VELOCITY_RAD_S
 
 
 def test_joints_that_turn_slowly_slow_it_down_by_just_that(
-    plan: Plan, seen: JointProfile, kinematics: Kinematics
+    plan: Motion, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     most = 0.5 * np.abs(seen.velocity_rad_s).max()
     found = parametrize(plan_motion(plan), kinematics, with_limits(velocity_rad_s=float(most)))
@@ -215,7 +215,7 @@ def test_joints_that_turn_slowly_slow_it_down_by_just_that(
 
 
 def test_accelerations_slow_it_down_by_their_root(
-    plan: Plan, seen: JointProfile, kinematics: Kinematics
+    plan: Motion, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     most = 0.25 * np.abs(seen.acceleration_rad_s2).max()
     found = parametrize(plan_motion(plan), kinematics, CAN, acceleration_rad_s2=float(most))
@@ -228,21 +228,21 @@ def test_accelerations_slow_it_down_by_their_root(
 
 
 def test_a_torque_at_rest_beyond_the_limit_is_refused_with_its_joint(
-    plan: Plan, kinematics: Kinematics
+    plan: Motion, kinematics: Kinematics
 ) -> None:
     with refuses("motion", "5 Nm"):
         parametrize(plan_motion(plan), kinematics, with_limits(torque_nm=5.0))
 
 
 def test_a_joint_beyond_its_limit_is_refused_with_its_name(
-    plan: Plan, kinematics: Kinematics
+    plan: Motion, kinematics: Kinematics
 ) -> None:
     knee = np.where(np.arange(24) % 4 == 3, 0.5, CAN.upper_rad)
     with refuses("rad"):
         parametrize(plan_motion(plan), kinematics, replace(CAN, upper_rad=knee))
 
 
-def test_what_is_expected_to_be_felt_touches_wherever_a_foot_stands(plan: Plan) -> None:
+def test_what_is_expected_to_be_felt_touches_wherever_a_foot_stands(plan: Motion) -> None:
     sample = plan_motion(plan).at(0.0)
     pressed = np.einsum("ij,ij->i", expected(sample) - sample.forces_n, sample.normals)
     np.testing.assert_allclose(pressed, 3.0)
@@ -260,7 +260,7 @@ def test_a_soft_motion_keeps_its_speed_and_begins_and_ends_at_rest() -> None:
 
 
 def test_the_soft_start_goes_round_a_surface_and_gives_up_before_it_goes_through(
-    plan: Plan, seen: JointProfile, kinematics: Kinematics
+    plan: Motion, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     motion, first = plan_motion(plan), seen.angles_rad[0]
     sample = motion.at(0.0)
@@ -276,7 +276,7 @@ def test_the_soft_start_goes_round_a_surface_and_gives_up_before_it_goes_through
 
 
 def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(
-    plan: Plan, seen: JointProfile, kinematics: Kinematics
+    plan: Motion, seen: JointProfile, kinematics: Kinematics
 ) -> None:
     motion, first, rng = plan_motion(plan), seen.angles_rad[0], np.random.default_rng(0)
     sample = motion.at(0.0)
@@ -307,7 +307,9 @@ def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(
     assert {1, 2} <= set(kinds), kinds
 
 
-def test_torques_along_the_path_are_those_of_the_motion(plan: Plan, kinematics: Kinematics) -> None:
+def test_torques_along_the_path_are_those_of_the_motion(
+    plan: Motion, kinematics: Kinematics
+) -> None:
     bent = with_joints(plan, kinematics)
     motion = plan_motion(bent)
     profile = joint_profile(motion, kinematics)
@@ -322,12 +324,12 @@ def test_torques_along_the_path_are_those_of_the_motion(plan: Plan, kinematics: 
 
 
 @pytest.fixture(scope="module")
-def stairs(step: Callable[[str], Plan]) -> Plan:
+def stairs(step: Callable[[str], Motion]) -> Motion:
     return step("stairs")
 
 
 @pytest.fixture(scope="module")
-def rows(stairs: Plan) -> Samples:
+def rows(stairs: Motion) -> Samples:
     return undisturbed(plan_motion(stairs), Kinematics(stairs.problem.robot))[0]
 
 
@@ -342,7 +344,7 @@ def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(
 
 
 def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(
-    stairs: Plan, rows: Samples
+    stairs: Motion, rows: Samples
 ) -> None:
     """The motion moves the middles of round feet; a plan's toes are the points that touch."""
     first = postures(rows, Kinematics(stairs.problem.robot))
@@ -350,7 +352,7 @@ def test_the_toes_of_a_posture_are_on_their_patches_where_the_plan_has_them(
     assert first.stands[0].all()
 
 
-def test_the_motion_that_is_run_is_the_one_that_is_judged(stairs: Plan) -> None:
+def test_the_motion_that_is_run_is_the_one_that_is_judged(stairs: Motion) -> None:
     """The tracker's postures at 100 Hz against those of the path at the same times: bodies to .2
     mm, joints to 1°.
     """
@@ -365,7 +367,7 @@ def test_the_motion_that_is_run_is_the_one_that_is_judged(stairs: Plan) -> None:
     assert np.abs(found.angles - rows.angles_rad).max() < np.radians(1.0)
 
 
-def test_a_motion_through_something_is_refused_before_anything_moves(stairs: Plan) -> None:
+def test_a_motion_through_something_is_refused_before_anything_moves(stairs: Motion) -> None:
     """The trunk's front goes into a plate that is ahead of it at the first key frame."""
     whole = with_joints(stairs)
     radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in stairs.problem.robot.limbs])
@@ -414,7 +416,7 @@ def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> N
     np.testing.assert_array_equal(_cheapest((families, costs), near), expected)
 
 
-def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
+def test_the_choice_is_the_same_at_every_pace(plan: Motion) -> None:
     kinematics = Kinematics(plan.problem.robot)
     fast, slow = (
         RedundancyResolution(plan_motion(plan, Timing().at_pace(pace)), kinematics)
@@ -430,7 +432,7 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
     bent = whole_body(plan, WholeBodyLimits(torque_nm=10.0), kinematics)
     assert bent.plan.joints_rad is not None
 
-    def largest(of: Plan) -> float:
+    def largest(of: Motion) -> float:
         motion = plan_motion(of, forces_n=distribute_forces(of, kinematics))
         return float(np.abs(joint_profile(motion, kinematics, rate_hz=20.0).static_nm).max())
 
@@ -439,7 +441,7 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
     assert largest(replace(bent.plan, joints_rad=None)) > 1.2 * bent.torque_nm
 
 
-def twisted(plan: Plan) -> Plan:
+def twisted(plan: Motion) -> Motion:
     """With its own angles, but for a limb that stands elsewhere at frame 1, and jumps there on the
     straight line.
     """
@@ -449,7 +451,7 @@ def twisted(plan: Plan) -> Plan:
 
 
 def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round_and_stands_as_planned(
-    plan: Plan,
+    plan: Motion,
 ) -> None:
     kinematics = Kinematics(plan.problem.robot)
     motion = plan_motion(twisted(plan))
@@ -465,7 +467,7 @@ def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round_and_stan
 
 
 def test_a_swing_by_way_of_comfortable_postures_ends_in_the_plans_own(
-    plan: Plan, monkeypatch: pytest.MonkeyPatch
+    plan: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
         "stancekit.planners.motion.joints.STRAY_M", -1.0
@@ -482,7 +484,7 @@ def test_a_swing_by_way_of_comfortable_postures_ends_in_the_plans_own(
         assert np.abs(turned[kinematics.joints_of(limb)]).max() < 0.05
 
 
-def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
+def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Motion) -> None:
     robot = plan.problem.robot
     motion, kinematics = plan_motion(plan), Kinematics(robot)
     alone = RedundancyResolution(motion, kinematics).at(0.0)
@@ -580,7 +582,7 @@ def test_a_leg_that_comes_from_elsewhere_goes_along_with_what_it_follows_and_the
 
 
 def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures_are_far_apart(
-    plan: Plan,
+    plan: Motion,
 ) -> None:
     kinematics, motion = Kinematics(plan.problem.robot), plan_motion(twisted(plan))
     profile = joint_profile(motion, kinematics)
@@ -593,7 +595,7 @@ def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures
     assert profile.time_s[-1] >= motion.duration_s - 0.02
 
 
-def test_a_gait_waits_for_no_leg(plan: Plan) -> None:
+def test_a_gait_waits_for_no_leg(plan: Motion) -> None:
     kinematics, motion = (
         Kinematics(plan.problem.robot, Servo(velocity_rad_s=1.0)),
         plan_motion(twisted(plan)),
@@ -605,7 +607,7 @@ def test_a_gait_waits_for_no_leg(plan: Plan) -> None:
     assert waits > steady + 2
 
 
-def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
+def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Motion) -> None:
     kinematics, motion = Kinematics(plan.problem.robot), plan_motion(twisted(plan))
     wished = resolved(motion, kinematics)
     slow = np.full(24, 0.4)
@@ -628,7 +630,7 @@ def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
     )
 
 
-def test_what_is_expected_is_of_the_moment_that_comes(step: Callable[[str], Plan]) -> None:
+def test_what_is_expected_is_of_the_moment_that_comes(step: Callable[[str], Motion]) -> None:
     """A motion that waits has another time than the clock has."""
     kinematics, motion = Kinematics(step("walls").problem.robot), plan_motion(step("walls"))
     tracker = Tracker(

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.path import touch_downs_m
 from stancekit.planners.motion.plan_motion import Timing
@@ -33,7 +33,7 @@ FAST = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
 NEVER = np.zeros(4, dtype=np.bool_)
 
 
-def unsure(plan: Plan, sd_m: float) -> Plan:
+def unsure(plan: Motion, sd_m: float) -> Motion:
     """A plan whose ground is known to this standard deviation."""
     sure = Certainty(about_m=np.zeros(2), covariance=np.diag([sd_m**2, 0.0, 0.0]), inset_m=0.02)
     footholds = tuple(
@@ -64,7 +64,7 @@ def level_but(off_m: float, place: Array) -> list[Patch]:
 
 @pytest.mark.parametrize("off_m", [-0.006, 0.006])
 def test_a_plan_is_executed_on_ground_that_is_off_by_less_than_its_touch_down(
-    off_m: float, step: Callable[[str], Plan]
+    off_m: float, step: Callable[[str], Motion]
 ) -> None:
     plan = unsure(step("stairs"), 0.002)
     assert (touch_downs_m(plan) > abs(off_m)).all()
@@ -82,7 +82,7 @@ def test_a_plan_is_executed_on_ground_that_is_off_by_less_than_its_touch_down(
 
 
 def test_a_foothold_whose_ground_is_far_below_its_place_is_named(
-    step: Callable[[str], Plan],
+    step: Callable[[str], Motion],
 ) -> None:
     plan = unsure(step("stairs"), 0.002)
     report = simulate(plan, settings=FAST, terrain=level_but(-0.05, plan.toes_m[3, :2]))

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.plan import LeapPlan, Plan
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import Motion
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, gait_motion
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
@@ -36,7 +35,7 @@ from tests.same_motion import compared
 
 
 @pytest.fixture(scope="module")
-def run() -> tuple[Plan, Execution]:
+def run() -> tuple[Motion, Execution]:
     outcome = TwoStage().solve(read_course("walls", frames=2))
     assert outcome.solution is not None
     settings = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
@@ -45,7 +44,7 @@ def run() -> tuple[Plan, Execution]:
     return outcome.solution, execution
 
 
-def test_limbs_end_where_the_world_had_the_feet(run: tuple[Plan, Execution]) -> None:
+def test_limbs_end_where_the_world_had_the_feet(run: tuple[Motion, Execution]) -> None:
     view, trace = PlanView(run[0], execution=run[1]), run[1].trace
     for row in (0, len(trace.time_s) - 1):
         bodies = {body.name: body for body in view.at(view.measured(run[1], row)).bodies}
@@ -55,7 +54,7 @@ def test_limbs_end_where_the_world_had_the_feet(run: tuple[Plan, Execution]) -> 
         np.testing.assert_allclose(bodies["trunk 0"].rotation, trace.rotation[row], atol=1e-9)
 
 
-def test_a_picture_shows_the_time_that_was_asked_for(run: tuple[Plan, Execution]) -> None:
+def test_a_picture_shows_the_time_that_was_asked_for(run: tuple[Motion, Execution]) -> None:
     pictures = [
         to_rgb(draw_execution(*run, time_s=time, size_px=(480, 360))) for time in (0.2, 0.2, 1.4)
     ]
@@ -64,7 +63,7 @@ def test_a_picture_shows_the_time_that_was_asked_for(run: tuple[Plan, Execution]
 
 
 def test_a_picture_says_where_and_when_an_execution_parts_from_its_plan(
-    run: tuple[Plan, Execution],
+    run: tuple[Motion, Execution],
 ) -> None:
     trace = run[1].trace
     away = 0.04 * (np.arange(len(trace.com_m)) >= 300)
@@ -78,7 +77,7 @@ def test_a_picture_says_where_and_when_an_execution_parts_from_its_plan(
     assert {near, *words} <= drawn
 
 
-def test_a_film_has_as_many_frames_as_its_pace_asks_for(run: tuple[Plan, Execution]) -> None:
+def test_a_film_has_as_many_frames_as_its_pace_asks_for(run: tuple[Motion, Execution]) -> None:
     motion = PlanView(run[0], execution=run[1]).film()
     assert len(motion.moments) == pytest.approx(run[1].seconds / SPEED * FPS, abs=1.0)
     assert len(motion.notes) == len(motion.moments)
@@ -86,7 +85,7 @@ def test_a_film_has_as_many_frames_as_its_pace_asks_for(run: tuple[Plan, Executi
 
 
 @pytest.mark.usefixtures("gl")
-def test_frames_have_the_size_asked_for(run: tuple[Plan, Execution]) -> None:
+def test_frames_have_the_size_asked_for(run: tuple[Motion, Execution]) -> None:
     view = PlanView(run[0], execution=run[1])
     first = list(islice(view.frames(view.film(), (400, 300)), 2))
     assert [frame.shape for frame in first] == [(300, 400, 3)] * 2
@@ -95,9 +94,9 @@ def test_frames_have_the_size_asked_for(run: tuple[Plan, Execution]) -> None:
 
 
 def test_the_execution_of_another_motion_is_refused_in_one_line(
-    run: tuple[Plan, Execution],
+    run: tuple[Motion, Execution],
 ) -> None:
-    leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    leap = stancekit.load("tests/data/leap-hop-anymal.json", Motion)
     for show in (
         lambda: stancekit.draw(leap, executed=run[1]),
         lambda: stancekit.film(leap, "leap.html", run[1]),
@@ -202,14 +201,14 @@ terrain: {{kind: stairs, friction: 0.7, first_m: 0.3, run_m: 0.4, rises_m: [0.04
 
 
 @cache
-def planned(course: str | Path) -> Plan:
+def planned(course: str | Path) -> Motion:
     plan = stancekit.plan(course, frames=3 if course == "walls" else None).solution
-    assert isinstance(plan, Plan)
+    assert plan.keyed
     return plan
 
 
 @cache
-def level_walk(robot: str) -> Trajectory:
+def level_walk(robot: str) -> Motion:
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
     walk = stancekit.walk(
         level, (0.1, 0.0), duration_s=2.0, chart="decoupled", robot=robot
@@ -222,7 +221,7 @@ def level_walk(robot: str) -> Trajectory:
     "name", ["hexapod on walls", "legs of a file on stairs", "walk of legs of a file"]
 )
 def test_a_film_and_a_stream_are_equal_sample_by_sample(name: str, tmp_path: Path) -> None:
-    subject: Plan | Trajectory
+    subject: Motion
     if name == "hexapod on walls":
         subject = planned("walls")
     elif name == "legs of a file on stairs":
@@ -275,7 +274,7 @@ def test_a_plan_that_the_runner_refuses_is_shown_on_the_path_that_it_stands_for(
 def test_a_leap_is_a_motion_whose_feet_land_where_it_says() -> None:
     leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
     plan = stancekit.plan(leap).solution
-    assert isinstance(plan, LeapPlan)
+    assert plan.has("timing")
     motion = streamed(plan)
     times = np.linspace(0.0, motion.duration_s, 200)
     rows = motion.at(times)
@@ -284,7 +283,7 @@ def test_a_leap_is_a_motion_whose_feet_land_where_it_says() -> None:
     np.testing.assert_allclose(
         rows.toes_m[rows.stands], plan.toes_m[rows.foothold[rows.stands]], atol=1e-9
     )
-    np.testing.assert_allclose(motion.at(plan.times_s).com_m, plan.com_m, atol=1e-9)
+    np.testing.assert_allclose(motion.at(plan.ends_s).com_m, plan.com_m, atol=1e-9)
     steps = np.abs(np.diff(rows.toes_m, axis=0)).max()
     assert steps < 6.0 * motion.duration_s / 200
     rates = np.gradient(rows.rotation_rad, times, axis=0)[1:-1]

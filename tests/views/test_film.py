@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
+from stancekit import Motion, WalkQuestion
 from stancekit.planners.robot.walker import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.views import film
@@ -41,14 +41,14 @@ from tests.refusals import refuses
 SMALL = (480, 300)
 
 
-def glide(count=41) -> Trajectory:
+def glide(count=41) -> Motion:
     """The hexapod glides .4 m along x over level ground, its left feet standing; for the eye
     alone.
     """
     robot = hexapod_walker()
     torso = np.column_stack([np.linspace(-0.2, 0.2, count), np.zeros(count), np.full(count, 0.2)])
     contact = np.tile([foot.hip_m[1] > 0.0 for foot in robot.feet], (count, 1))
-    return Trajectory(
+    return Motion(
         times_s=0.005 * np.arange(count),
         torso_m=torso,
         rotation=np.tile(np.eye(3), (count, 1, 1)),

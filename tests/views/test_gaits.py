@@ -13,8 +13,7 @@ import pytest
 from matplotlib.text import Text
 
 import stancekit
-from stancekit.planners.answer.plan import LeapPlan
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
+from stancekit import Motion, WalkQuestion
 from stancekit.planners.motion.leap_motion import feet_of_leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.robot.walker import hexapod_walker
@@ -35,7 +34,7 @@ from tests.refusals import refuses
 SMALL = (600, 450)
 
 
-def walk(terrain=None, count=81) -> Trajectory:
+def walk(terrain=None, count=81) -> Motion:
     """The hexapod glides ahead over two steps of each tripod; no dynamics, for the eye alone."""
     robot, share = hexapod_walker(), np.linspace(0.0, 1.0, count)
     field = terrain or HeightField.from_function(
@@ -45,7 +44,7 @@ def walk(terrain=None, count=81) -> Trajectory:
     feet = torso[:, None] + np.array([foot.nominal_m for foot in robot.feet])
     contact = (np.minimum(np.floor(4.0 * share), 3.0)[:, None] + np.arange(6)) % 2 == 0
     forces = np.where(contact[..., None], [0.0, 0.0, robot.mass_kg * 9.81 / 3.0], 0.0)
-    return Trajectory(
+    return Motion(
         times_s=0.02 * np.arange(count),
         torso_m=torso,
         rotation=np.tile(np.eye(3), (count, 1, 1)),
@@ -409,7 +408,7 @@ def test_a_film_shows_the_body_where_its_forces_move_it(leap):
 
 
 def test_a_film_of_legs_that_are_known_shows_the_joints_that_run():
-    leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    leap = stancekit.load("tests/data/leap-hop-anymal.json", Motion)
     view, runs = LeapView(leap), joint_motion(leap)
     film, times = view.film(fps=10.0), view.film_times_s(10.0)
     assert len(times) > 20
@@ -430,7 +429,7 @@ def test_in_the_air_there_are_no_forces(leap):
     view = LeapView(leap)
     ((begin, end),) = view.flights_s
     air = (leap.problem.holds[leap.problem.interval_phases] < 0).all(axis=1)
-    takes_off = leap.times_s[int(np.argmax(air))]
+    takes_off = leap.ends_s[int(np.argmax(air))]
     assert begin == pytest.approx(takes_off, abs=0.006)
     middle = view.motion.at(0.5 * (begin + end))
     assert not middle.stands.any()
@@ -457,7 +456,7 @@ def test_the_library_draws_a_leap_and_writes_its_page(leap, tmp_path):
 
 
 def test_a_picture_of_an_execution_names_the_path_that_was_gone():
-    leap = stancekit.load("tests/data/leap-hop-anymal.json", LeapPlan)
+    leap = stancekit.load("tests/data/leap-hop-anymal.json", Motion)
     run = stancekit.simulate(leap).execution
     for executed, name in ((None, "centre of mass"), (run, "path that was gone")):
         texts = stancekit.draw(leap, executed=executed).findobj(lambda it: hasattr(it, "get_text"))

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
+from stancekit import Motion, WalkQuestion
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.walker import anymal
@@ -44,7 +44,7 @@ def walk() -> GaitView:
     )
     torso = np.column_stack([0.4 * share, 0.0 * share, 0.5 + 0.0 * share])
     contact = np.array([[k < 20 or foot < 2 for foot in range(4)] for k in range(41)])
-    trajectory = Trajectory(
+    trajectory = Motion(
         times_s=0.05 * np.arange(41),
         torso_m=torso,
         rotation=Rotation.from_euler("z", 0.3 * share[:, None]).as_matrix(),

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
+from stancekit import Motion
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.search.exact import Exact
@@ -30,7 +30,7 @@ from stancekit.views.sheet import save, to_rgb
 from tests.refusals import refuses
 
 SMALL = (480, 360)
-Solved = Mapping[str, tuple[Problem, Plan]]
+Solved = Mapping[str, tuple[Problem, Motion]]
 ROWS = (
     ComparisonBar(
         selector="heuristic",
@@ -203,7 +203,7 @@ def test_a_caption_is_never_read_as_mathematics(solved: Solved) -> None:
 def test_odd_scenes_are_drawn_too(changes: dict[str, object]) -> None:
     problem = one_limb(**changes)
     toes, forces = np.array([[0.0, 0.0, -0.3]]), np.array([[0.0, 0.0, 98.1]])
-    posture = Plan.of_posture(
+    posture = Motion.of_posture(
         problem, com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces
     )
     figure = draw_posture(problem, posture, envelope=envelope(1, half=4.0), size_px=SMALL)

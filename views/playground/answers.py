@@ -17,9 +17,9 @@ from functools import partial
 from typing import Any
 
 from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Report
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps
@@ -60,7 +60,7 @@ class SceneAnswer:
 
     course: Problem | Walk | None = None
     status: Status | None = None
-    plan: Plan | Trajectory | None = None
+    plan: Motion[Any] | None = None
     message: str = ""
     lack: Relaxation | None = None
     report: Report[Any] | None = None

@@ -546,7 +546,7 @@ def explained(limbs: list[str]) -> str:
 def summary(answer: SceneAnswer) -> str:
     """The plan in a few numbers, as HTML; empty without one."""
     plan = answer.plan
-    if not isinstance(plan, Plan):
+    if plan is None or not plan.keyed:
         return ""
     course = plan.problem
     share, frame, limb = margins(plan)

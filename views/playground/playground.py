@@ -96,7 +96,7 @@ class Pictures:
         reach = max(limb.reach_m for limb in course.robot.limbs)
         away_m = 2.0 * (float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach)
         towards = np.array([-0.75, -0.45, 0.35])
-        if isinstance(answer.plan, Plan):
+        if answer.plan is not None and answer.plan.keyed:
             towards = self.view(answer.plan).camera.axes[2]
         return path.mean(axis=0), away_m, from_behind(towards, path[0], course.goal_m)
 
@@ -253,7 +253,7 @@ class WalkPictures:
     def summary(self, answer: SceneAnswer) -> str:
         """The walk in a few numbers, as HTML; empty without one."""
         walk = answer.plan
-        if not isinstance(walk, Trajectory):
+        if walk is None or not walk.has("times_s"):
             return ""
         length = float(np.linalg.norm(np.diff(walk.torso_m, axis=0), axis=1).sum())
         rows = [

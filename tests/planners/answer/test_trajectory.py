@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 import stancekit
+from stancekit import Motion
 from stancekit.planners.answer.motion import seal
-from stancekit.planners.answer.trajectory import SAMPLES, Trajectory, WalkQuestion, robot_from_json
+from stancekit.planners.answer.trajectory import SAMPLES, WalkQuestion, robot_from_json
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import (
     read_motion,
@@ -28,12 +29,12 @@ from tests.forgeries.walks import changed
 from tests.refusals import assert_names, refuses
 
 
-def still(count=41) -> Trajectory:
+def still(count=41) -> Motion:
     """The hexapod stands on level ground; every foot carries the same."""
     robot = hexapod_walker()
     height = robot.stand_height_m
     terrain = HeightField.from_function(lambda x, y: 0.0 * x, 1.0, 0.25, name="level")
-    return Trajectory(
+    return Motion(
         times_s=0.005 * np.arange(count),
         torso_m=np.tile([0.1, 0.2, height], (count, 1)),
         rotation=np.tile(np.eye(3), (count, 1, 1)),

@@ -16,11 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stancekit import Certificate, Motion
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.answer.answer import UNBOUNDED, Answer, Status
-from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.motion import seal as sum_of
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import verdict_digest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import parse_json, read_text
@@ -284,7 +283,7 @@ def test_an_outcome_is_strict_json_that_can_be_checked(outcomes, name, proof):
     )
     answer = answer_from_json(record, problem)
     if name == "feasible":
-        assert isinstance(answer, Plan)
+        assert isinstance(answer, Motion)
         assert check_plan(answer).accepted
         assert record["residual"] == outcome.residual
         assert "certificate" not in record
@@ -395,7 +394,7 @@ def test_an_answer_with_integers_beyond_all_floats_is_refused(data):
 def test_an_answer_without_posture_or_certificate_claims_nothing():
     assert answer_from_json({"status": "undecided"}, ASKED) is None
     assert answer_from_json({"certificate": None}, ASKED) is None
-    assert isinstance(answer_from_json(WITNESS, ASKED), Plan)
+    assert isinstance(answer_from_json(WITNESS, ASKED), Motion)
     proof = Certificate(tree=[[0, 0, 0, 0, 0]], multipliers=np.ones((1, 9)))
     assert isinstance(
         answer_from_json({"certificate": proof.to_json(), **WITNESS}, ASKED), Certificate
@@ -622,7 +621,7 @@ Forgery = Callable[[dict[str, Any], dict[str, Any]], None]
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Motion:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(COURSE)
@@ -632,7 +631,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
 
 
 @pytest.fixture
-def path(plan: Plan, tmp_path: Path) -> Path:
+def path(plan: Motion, tmp_path: Path) -> Path:
     write_motion(tmp_path / "plan.json", plan, check_plan(plan, joints=True))
     return tmp_path / "plan.json"
 
@@ -686,7 +685,7 @@ def nothing(header: dict[str, Any], arrays: dict[str, Any]) -> None:
     pass
 
 
-def test_the_verdict_of_the_file_alone_is_that_of_the_plan(plan: Plan, path: Path) -> None:
+def test_the_verdict_of_the_file_alone_is_that_of_the_plan(plan: Motion, path: Path) -> None:
     report = check_plan(plan, joints=True)
     check = check_file(path)
     assert check.accepted

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit import Motion, Report
 from stancekit.cli.main import main
 from stancekit.envs.warped_gait import WarpedGaitEnv
-from stancekit.planners.answer.report import Report
-from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.gait.charts import CHARTS
@@ -45,7 +44,7 @@ def test_every_gait_crosses_ripples_and_the_verifier_accepts_it(gait: str) -> No
     # the tripod's guess is far off: no larger barriers; where a bound's walk ends depends on the
     # processor's last bits: from one of two
     barriers = {"tripod": [{"mu_max": 1.0}], "bound": [{}, {"mu_max": 1.0}]}
-    reports = list[Report[Trajectory]]()
+    reports = list[Report[Motion]]()
     for options in barriers.get(gait, [{}]):
         found = formulate(task).solve(**options)
         reports.append(check_trajectory(found.trajectory()))

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.plan import LeapPlan
+from stancekit import Answer, Motion
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
@@ -20,7 +19,7 @@ def leap() -> Leap:
 
 
 @pytest.fixture(scope="session")
-def found(leap: Leap) -> Answer[LeapPlan]:
+def found(leap: Leap) -> Answer[Motion]:
     """The finder's answer to it."""
     return find_leap(leap)
 
@@ -38,7 +37,7 @@ def failed(leap: Leap) -> LeapAttempt:
 
 
 @pytest.fixture(scope="session")
-def refuted() -> Answer[LeapPlan]:
+def refuted() -> Answer[Motion]:
     """An answer with a proof that there is no leap."""
     for seed in range(20):
         drawn = leap_class("leap-few").draw(np.random.default_rng(seed))

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.certificate import Certificate, Crossing
-from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
+from stancekit import Answer, Certificate, Motion, Status, Way
+from stancekit.planners.answer.plan import LEAP_BODY
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.crossing import stretches, surface_of
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap
@@ -108,7 +107,7 @@ def test_the_picker_gives_the_best_sum_that_no_cut_refutes() -> None:
     assert tuple(picker.best()) == max(left, key=value.get)
 
 
-def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[LeapPlan]) -> None:
+def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[Motion]) -> None:
     leap, proof = refuted.problem, refuted.certificate
     assert check_certificate(proof.of(leap)).accepted
     nothing = Certificate(tree=proof.tree, multipliers=0.0 * proof.multipliers)
@@ -132,7 +131,7 @@ def test_a_certificate_is_accepted_and_a_tampered_one_is_not(refuted: Answer[Lea
     assert not check_certificate(proof.of(with_grip)).accepted
 
 
-def test_the_planners_bound_is_that_of_the_check(refuted: Answer[LeapPlan]) -> None:
+def test_the_planners_bound_is_that_of_the_check(refuted: Answer[Motion]) -> None:
     leap, proof = refuted.problem, refuted.certificate
     if len(proof.multipliers) == 1:
         bound = check_certificate(proof.of(leap)).figures["lower_bound"]
@@ -141,7 +140,7 @@ def test_the_planners_bound_is_that_of_the_check(refuted: Answer[LeapPlan]) -> N
         assert cut.least(numbers.scaled.opened()) == pytest.approx(bound, rel=1e-6)
 
 
-def test_an_explanation_names_what_would_have_to_give(refuted: Answer[LeapPlan]) -> None:
+def test_an_explanation_names_what_would_have_to_give(refuted: Answer[Motion]) -> None:
     assert refuted.certificate is not None
     said = explain(refuted.certificate)
     first = said.relaxations[0]
@@ -150,7 +149,7 @@ def test_an_explanation_names_what_would_have_to_give(refuted: Answer[LeapPlan])
 
 
 def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
-    found: Answer[LeapPlan], refuted: Answer[LeapPlan]
+    found: Answer[Motion], refuted: Answer[Motion]
 ) -> None:
     impossible = (0.32, 0.02, 0.32)
     two = replace(found.problem, timings_s=(impossible, found.problem.timings_s[0]))
@@ -163,7 +162,7 @@ def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
     assert not check_certificate(proof.of(refuted.problem)).accepted
 
 
-def test_a_forged_leap_is_refused(found: Answer[LeapPlan]) -> None:
+def test_a_forged_leap_is_refused(found: Answer[Motion]) -> None:
     plan = found.solution
     assert plan is not None
     assert check_leap(plan).accepted
@@ -209,7 +208,7 @@ def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name
 
 
 def test_a_leap_that_is_found_makes_no_sum_of_any_multipliers_positive(
-    found: Answer[LeapPlan],
+    found: Answer[Motion],
 ) -> None:
     plan, rng = found.solution, np.random.default_rng(6)
     numbers = LeapNumbers.of(plan.problem)
@@ -296,7 +295,7 @@ def test_of_two_surfaces_in_one_plane_a_leap_leaves_from_the_one_that_holds_the_
 
 def test_a_crossing_begins_with_key_frames() -> None:
     with refuses("crossing gap"):
-        Crossing(name="gap", parts=())
+        Motion(problem=Way(name="gap", course=None), parts=())
 
 
 def test_a_straight_way_has_the_body_as_high_as_its_toes_are_below_it() -> None:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import LeapPlan
+from stancekit import Answer, Motion, Status
 from stancekit.planners.equilibrium.layout import LIFTED, Layout
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.formats.motion_file import read_motion
@@ -208,19 +207,19 @@ FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
 
 
 @pytest.fixture(scope="module")
-def plan() -> LeapPlan:
+def plan() -> Motion:
     found = read_motion(FILE)[0]
     assert found is not None
     return found
 
 
-def said(plan: LeapPlan) -> Answer[LeapPlan]:
+def said(plan: Motion) -> Answer[Motion]:
     """What is said of a plan when the time for bending has ended."""
     answer = Answer(status=Status.FEASIBLE, solution=plan, problem=plan.problem, method="finder")
     return judged_answer(answer, Programs(), deadline=time.perf_counter() - 1.0)
 
 
-def test_contacts_that_do_not_hold_are_not_laid_to_legs(plan: LeapPlan):
+def test_contacts_that_do_not_hold_are_not_laid_to_legs(plan: Motion):
     weak = replace(plan, problem=replace(plan.problem, limits=LeapLimits(force_share=0.3)))
     judged = LeapBender(Programs()).judge(weak)
     assert not any(group.verdict == "violated" for group in judged.groups)
@@ -231,7 +230,7 @@ def test_contacts_that_do_not_hold_are_not_laid_to_legs(plan: LeapPlan):
     assert_names(answer.message, "force_bounds")
 
 
-def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: LeapPlan, tmp_path):
+def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: Motion, tmp_path):
     from stancekit.configs import config_path
     from stancekit.planners.robot.walker import leaping_robot
 
@@ -244,7 +243,7 @@ def test_a_leap_that_nobody_had_time_to_bend_says_so(plan: LeapPlan, tmp_path):
     assert_names(answer.message, "time", "joint_speed")
 
 
-def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: LeapPlan):
+def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: Motion):
     measured = LeapBodyMeasurements(LeapBody(plan))
     body, solver, numbers = measured.leap_body, measured.kinematics, legged_numbers(measured)
     scaled = reserved(numbers, plan.choice, FRICTION_SHARE)
@@ -284,7 +283,7 @@ def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: LeapPlan):
     assert np.abs(rows.speed_placed).max() > 1.0
 
 
-def test_toes_are_unloaded_before_they_lift_and_the_flight_says_what_legs_turn(plan: LeapPlan):
+def test_toes_are_unloaded_before_they_lift_and_the_flight_says_what_legs_turn(plan: Motion):
     bender = LeapBender(Programs())
     first, eased = bender.bent(plan)
     assert first.accepted
@@ -301,7 +300,7 @@ def test_toes_are_unloaded_before_they_lift_and_the_flight_says_what_legs_turn(p
     assert_allclose(eased.plan.toes_m, plan.toes_m, atol=0.06)
 
 
-def test_a_leap_whose_flight_is_short_or_that_has_none_stays_as_it_is(plan: LeapPlan):
+def test_a_leap_whose_flight_is_short_or_that_has_none_stays_as_it_is(plan: Motion):
     leap = plan.problem
     assert unloaded(leap, plan.timing) is not None
     assert unloaded(replace(leap, timings_s=((0.6, 0.09, 0.6),)), 0) is None
@@ -327,7 +326,7 @@ def test_a_leap_whose_flight_is_short_or_that_has_none_stays_as_it_is(plan: Leap
     ("ramp", "share", "lift"), [(0.5, 1.2, 0.01 / 1.2), (0.002, 1.2, 0.002), (0.5, 0.8, 0.01)]
 )
 def test_no_toe_may_press_harder_as_it_lifts_than_it_might_before(
-    plan: LeapPlan, ramp: float, share: float, lift: float
+    plan: Motion, ramp: float, share: float, lift: float
 ):
     limits = replace(plan.problem.limits, ramp=ramp, force_share=share)
     eased = unloaded(replace(plan.problem, limits=limits), plan.timing)

@@ -8,8 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
+from stancekit import Motion, WalkQuestion
 from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.path import clear_swing
@@ -32,14 +31,14 @@ from tests.refusals import refuses
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
+def plan() -> Motion:
     outcome = TwoStage().solve(read_course("stairs", frames=4))
     assert outcome.solution is not None
     return outcome.solution
 
 
 @pytest.fixture(scope="module")
-def motion(plan: Plan) -> Played:
+def motion(plan: Motion) -> Played:
     return plan_motion(plan)
 
 
@@ -174,13 +173,13 @@ def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
     assert np.linalg.norm(np.diff(flat, axis=0), axis=1) == pytest.approx((0.05, 0.1, 0.05))
 
 
-def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
+def test_a_faster_pace_takes_as_much_less_time(plan: Motion) -> None:
     assert plan_motion(plan, Timing().at_pace(2.0)).duration_s == pytest.approx(
         plan_motion(plan).duration_s / 2.0
     )
 
 
-def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Plan) -> None:
+def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Motion) -> None:
     course = plan.problem
     names, first = course.robot.limb_names, [p for p in course.footholds if p.frame == 0]
     again = [replace(p, frame=1) for p in first]
@@ -193,7 +192,7 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
         com_radius_m=course.com_radius_m[:2],
         modes=None,
     )
-    leap = Plan(
+    leap = Motion(
         problem=every,
         com_m=plan.com_m[:2],
         rotation_rad=plan.rotation_rad[:2],
@@ -235,7 +234,7 @@ def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_c
 SLOPE = 0.2
 
 
-def leaning(reach_m: float = 0.02) -> Trajectory:
+def leaning(reach_m: float = 0.02) -> Motion:
     """A robot that leans this way and that over a slope, its feet where they are."""
     model = model_of(quadruped())
     line = np.linspace(-3.0, 3.0, 61)
@@ -263,7 +262,7 @@ def leaning(reach_m: float = 0.02) -> Trajectory:
     turns = 0.1 * np.sin(np.linspace(0.0, 6.0, 41))[:, None] * [1.0, -0.5, 2.0]
     rotation = np.array([pin.exp3(turn) for turn in turns])
     ground = np.column_stack([toes[:, :2], SLOPE * toes[:, 0]])
-    return Trajectory(
+    return Motion(
         times_s=0.005 * np.arange(41),
         torso_m=np.array([0.0, 0.0, 0.9 * model.stand_height_m]) + 0.1 * turns,
         rotation=rotation,

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import Group
+from stancekit import Answer, Group, Motion, Status
 from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import (
@@ -97,7 +95,7 @@ def test_a_computer_that_is_busy_gives_layouts_as_much_of_its_processor_as_one_t
             ends.append(wall_s[0] + limit_s)
             return self
 
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             wall_s[0] = ends[-1]
             own_s[0] = wall_s[0] / 4.0  # a quarter of a processor
             return Answer(status=Status.UNDECIDED, method="slow", problem=course)
@@ -137,7 +135,7 @@ def test_others_are_tried_where_the_first_has_no_place_and_low_ones_first_where_
             raise refused(type(said)(f"frame 0: {said} ({len(tried)})"))
         return read_course("walls", frames=2)
 
-    outcome: Answer[Plan] = plan_course(question, TwoStage(), layouts=ALTERNATIVES, stated=False)
+    outcome: Answer[Motion] = plan_course(question, TwoStage(), layouts=ALTERNATIVES, stated=False)
     assert outcome.status is Status.FEASIBLE
     assert outcome.solution is not None
     assert outcome.solution.provenance["layout"] == good.message
@@ -158,7 +156,7 @@ def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(wor
     tried = list[str]()
 
     class Astray(TwoStage):
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             answer = super().solve(course)
             assert answer.solution is not None
             report, figures = check_plan(answer.solution), {"worst": worst}
@@ -172,7 +170,7 @@ def test_a_higher_body_is_tried_first_where_a_foot_alone_stays_from_its_path(wor
         tried.append(alternative.message)
         return read_course("walls", frames=2)
 
-    outcome: Answer[Plan] = plan_course(
+    outcome: Answer[Motion] = plan_course(
         question, Astray(reserve=False), limits=None, layouts=ALTERNATIVES
     )
     assert outcome.status is Status.UNDECIDED

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import (
     read_evidence,
@@ -139,7 +138,7 @@ def test_a_file_gives_back_the_question_the_plan_and_the_proof(tmp_path) -> None
     assert outcome.solution is not None
     report = check_leap(outcome.solution)
     write_motion(tmp_path / "leap.json", outcome.solution, report)
-    found, _ = read_motion(tmp_path / "leap.json", LeapPlan)
+    found, _ = read_motion(tmp_path / "leap.json")
     assert leap_to_json(found.problem) == leap_to_json(asked)
     assert check_leap(found).worst == report.worst
     box = leap_class("leap-anymal").draw(np.random.default_rng(0))

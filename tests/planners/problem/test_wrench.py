@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import stancekit
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.contact import at_point, wrench_of
 from stancekit.planners.problem.course_file import read_course
@@ -31,7 +31,7 @@ COURSE: dict[str, object] = {
 
 
 @pytest.fixture
-def course(walk: Callable[..., Plan]) -> Problem:
+def course(walk: Callable[..., Motion]) -> Problem:
     """Five frames on level ground."""
     return walk().problem
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import Problem
@@ -59,7 +59,7 @@ def starts(programs: Programs, drawn, mixed) -> list[Start]:
 
 
 @pytest.fixture(scope="session")
-def dog_plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def dog_plan(tmp_path_factory: pytest.TempPathFactory) -> Motion:
     """A quadruped of a file of its own walks on level ground."""
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())

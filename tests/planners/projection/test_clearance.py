@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
@@ -63,7 +63,7 @@ BEAM = {
 
 
 @pytest.fixture(scope="module")
-def beam() -> Plan:
+def beam() -> Motion:
     outcome = plan_with_reserve(TwoStage(), build_course(spec_from(BEAM)))
     assert outcome.solution is not None
     return outcome.solution
@@ -77,7 +77,7 @@ class Weightless(Kinematics):
 
 
 def test_slopes_are_those_of_finite_differences(
-    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+    walk: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of the path alone, whose joints follow body and toes. What the centre of mass moves by with
     the legs, and what feet roll, is left out of the slopes, and out of this.
@@ -121,7 +121,7 @@ def test_slopes_are_those_of_finite_differences(
 
 
 def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_differences(
-    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+    walk: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a body so high that legs are too short, and feet stay on a ball about their hip; with the
     same left out.
@@ -146,7 +146,7 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
     )
     looks = PathClearance(plan, Weightless(plan.problem.robot))
 
-    def astray(one: Plan) -> tuple[np.ndarray, np.ndarray]:
+    def astray(one: Motion) -> tuple[np.ndarray, np.ndarray]:
         found = looks.nearness(one, 0.02, 0.023)
         feet = found.distance_m < -1e-3  # nothing else is so near to anything
         return found.distance_m[feet], found.slopes.toarray()[feet]
@@ -169,7 +169,7 @@ def test_slopes_of_feet_that_stay_from_their_path_are_those_of_finite_difference
         assert np.abs(other - start - expected).max() < 0.03 * np.abs(expected).max()
 
 
-def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Plan) -> None:
+def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Motion) -> None:
     before = check_plan(with_joints(beam), joints=True)
     assert before.contacts
     assert before.group("motion").verdict == "violated"
@@ -187,7 +187,7 @@ def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Plan) -> None:
     assert whole_body(beam, WholeBodyLimits(clearance_m=0.004, deepest_m=0.005)).steps == 0
 
 
-def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> None:
+def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Motion) -> None:
     """A closed box in the end of the path, higher than the robot, which no step comes out of."""
     low, high = np.array([0.2, -0.05, 0.0]), np.array([0.4, 0.05, 0.4])
     polygons = [BEAM["terrain"]["polygons"][0]]  # type: ignore[index]
@@ -205,7 +205,7 @@ def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> N
     assert_names(outcome.message, "body", "patches 1 to 6")
 
 
-def looks(plan: Plan) -> list[Mapping[str, Any]]:
+def looks(plan: Motion) -> list[Mapping[str, Any]]:
     """What the verifier says of bodies, at key frames and on the way."""
     report = check_plan(plan, joints=True)
     return [report.group(name).figures for name in ("bodies", "motion")]

@@ -8,7 +8,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import (
     LEAST,
@@ -22,13 +22,13 @@ from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")
-def climb() -> Plan:
+def climb() -> Motion:
     outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 
 
-def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:
+def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Motion) -> None:
     course, forces = climb.problem, distribute_forces(climb)
     assert forces.shape == climb.forces_n.shape
     for stance, of in zip(forces, course.stances, strict=True):
@@ -48,11 +48,11 @@ def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(cli
             )
 
 
-def test_the_plan_with_distributed_forces_is_one_that_the_verifier_accepts(climb: Plan) -> None:
+def test_the_plan_with_distributed_forces_is_one_that_the_verifier_accepts(climb: Motion) -> None:
     assert check_plan(replace(climb, forces_n=distribute_forces(climb))).accepted
 
 
-def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
+def test_they_are_the_least_for_their_reserve(climb: Motion) -> None:
     course, stance = climb.problem, 0
     of = course.stances[stance]
     found = ForceDistribution(6).solve(climb, stance)
@@ -75,14 +75,14 @@ def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
 
 
 def test_where_the_cones_leave_no_room_there_is_none_and_the_plan_keeps_its_own(
-    climb: Plan,
+    climb: Motion,
 ) -> None:
     icy = replace(climb, problem=slippery(climb.problem, 0.01))
     assert ForceDistribution(6).solve(icy, 0) is None
     np.testing.assert_array_equal(distribute_forces(icy), climb.forces_n)
 
 
-def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -> None:
+def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Motion) -> None:
     course, frame = climb.problem, 1
     patches = [course.patch(int(p), climb.choice) for p in course.holds[frame]]
     arms = climb.toes_at(frame) - climb.com_m[frame]

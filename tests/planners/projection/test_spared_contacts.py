@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem.course_file import read_course
@@ -27,18 +27,18 @@ SMALL = 1e-5
 
 
 @pytest.fixture(scope="module")
-def walls() -> Plan:
+def walls() -> Motion:
     outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 
 
 @pytest.fixture(params=["drawn up", "of a file"])
-def given(request: pytest.FixtureRequest, walls: Plan, dog_plan: Plan) -> SparedGiven:
+def given(request: pytest.FixtureRequest, walls: Motion, dog_plan: Motion) -> SparedGiven:
     return of_plan(walls if request.param == "drawn up" else dog_plan, wanted=0.5)
 
 
-def of_plan(plan: Plan, wanted: float) -> SparedGiven:
+def of_plan(plan: Motion, wanted: float) -> SparedGiven:
     plan = whole_body.with_joints(plan)
     solver, scaled = Kinematics(plan.problem.robot), Scaled.of(plan.problem).chosen(plan.choice)
     point = Restoration(plan, scaled, solver, solver.torque_nm).point()
@@ -90,7 +90,7 @@ def test_rows_are_the_torques_of_joints_that_follow_the_feet_to_first_order(
         assert error < 0.02 * moved
 
 
-def test_points_balance_keep_to_their_patches_and_ask_for_less_torque(walls: Plan) -> None:
+def test_points_balance_keep_to_their_patches_and_ask_for_less_torque(walls: Motion) -> None:
     at = of_plan(walls, wanted=0.3)
     found = spared_contacts(Programs(), at)
     assert found is not None

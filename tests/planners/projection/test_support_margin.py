@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.held import pressing, steady
@@ -34,7 +34,7 @@ terrain: {kind: flat, friction: 0.7}
 
 
 @pytest.fixture(scope="module")
-def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Motion:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(WAVE)
@@ -43,7 +43,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return outcome.solution
 
 
-def shares(plan: Plan, stance: int) -> Array:
+def shares(plan: Motion, stance: int) -> Array:
     """Of a weight, what three feet on level ground carry: the centre's barycentric coordinates,
     shape (3,).
     """
@@ -54,7 +54,7 @@ def shares(plan: Plan, stance: int) -> Array:
 
 
 def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carries_it(
-    plan: Plan,
+    plan: Motion,
 ) -> None:
     threes = [index for index, stance in enumerate(plan.problem.stances) if len(stance.limbs) == 3]
     assert len(threes) >= 8
@@ -67,20 +67,20 @@ def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carrie
     assert min(shares(loose, stance).min() for stance in threes) < 0.01
 
 
-def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Plan) -> None:
+def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Motion) -> None:
     threes = [index for index, stance in enumerate(plan.problem.stances) if len(stance.limbs) == 3]
     least = min(shares(plan, stance).min() for stance in threes)
     assert steady(plan, least - 1e-3)
     assert not steady(plan, least + 1e-3)
 
 
-def test_a_plan_that_is_bent_for_its_torques_still_bears_its_push(plan: Plan) -> None:
+def test_a_plan_that_is_bent_for_its_torques_still_bears_its_push(plan: Motion) -> None:
     bent = whole_body(plan, WholeBodyLimits(torque_nm=17.5)).plan
     assert not np.array_equal(bent.com_m, plan.com_m)
     assert stance_margins(bent)["push_n"].min() >= 0.05 * bent.problem.weight_n - 1e-3
 
 
-def test_pressing_changes_the_least_normal_force_alone(plan: Plan) -> None:
+def test_pressing_changes_the_least_normal_force_alone(plan: Motion) -> None:
     course = pressing(plan.problem, 0.2)
     assert course.force_min.tolist() == [0.2, -1.0, -1.0]
     assert pressing(course, 0.1).force_min.tolist() == [0.2, -1.0, -1.0]

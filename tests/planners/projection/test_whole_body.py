@@ -11,8 +11,7 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import Group
+from stancekit import Group, Motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.projection.whole_body import (
@@ -36,26 +35,26 @@ from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture
-def plan(dog_plan: Plan) -> Plan:
+def plan(dog_plan: Motion) -> Motion:
     return dog_plan
 
 
 @pytest.fixture
-def with_effort(plan: Plan) -> Callable[[float], Plan]:
+def with_effort(plan: Motion) -> Callable[[float], Motion]:
     """The plan for the same robot with other torque limits."""
 
-    def make(effort: float) -> Plan:
+    def make(effort: float) -> Motion:
         robot = replace(plan.problem.robot, model=model_of(quadruped(effort=effort)))
         return replace(plan, problem=replace(plan.problem, robot=robot))
 
     return make
 
 
-def largest_share(plan: Plan) -> float:
+def largest_share(plan: Motion) -> float:
     return float(check_plan(plan, joints=True).group("torque").figures["share"])
 
 
-def test_forces_that_ask_little_stay_as_they_are(with_effort: Callable[[float], Plan]) -> None:
+def test_forces_that_ask_little_stay_as_they_are(with_effort: Callable[[float], Motion]) -> None:
     plan = with_effort(60.0)
     jointed = with_joints(plan)
     assert largest_share(jointed) <= EASY
@@ -65,14 +64,14 @@ def test_forces_that_ask_little_stay_as_they_are(with_effort: Callable[[float], 
     assert [group.verdict for group in groups] == ["holds", "holds"]
 
 
-def torque_nm(plan: Plan) -> float:
+def torque_nm(plan: Motion) -> float:
     """The largest torque that a plan asks of a joint."""
     *_, torque = joint_groups(plan)
     return float(torque.figures["torque_nm"])
 
 
 def test_other_forces_spare_a_joint_that_has_too_little(
-    plan: Plan, with_effort: Callable[[float], Plan]
+    plan: Motion, with_effort: Callable[[float], Motion]
 ) -> None:
     weak = with_effort(0.9 * torque_nm(plan))
     own = replace(weak, joints_rad=with_joints(weak).joints_rad)
@@ -88,7 +87,7 @@ def test_other_forces_spare_a_joint_that_has_too_little(
     np.testing.assert_array_equal(spared.toes_m, plan.toes_m)
 
 
-def test_what_no_forces_can_spare_stays_refused(with_effort: Callable[[float], Plan]) -> None:
+def test_what_no_forces_can_spare_stays_refused(with_effort: Callable[[float], Motion]) -> None:
     report = check_plan(with_joints(with_effort(5.0)), joints=True)
     assert report.contacts
     assert not report.accepted
@@ -96,7 +95,7 @@ def test_what_no_forces_can_spare_stays_refused(with_effort: Callable[[float], P
     assert_names(report.group("torque").message, "Nm", "5")
 
 
-def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> None:
+def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Motion) -> None:
     course, stance = plan.problem, 0
     of = course.stances[stance]
     solver = Kinematics(course.robot)
@@ -143,7 +142,7 @@ def test_the_largest_torque_is_the_least_that_forces_can_have(plan: Plan) -> Non
     )
 
 
-def test_torques_of_loads_are_the_torques(plan: Plan) -> None:
+def test_torques_of_loads_are_the_torques(plan: Motion) -> None:
     solver, rng = Kinematics(plan.problem.robot), np.random.default_rng(0)
     angles, turn, forces = (
         rng.uniform(-0.5, 0.5, 12),
@@ -165,14 +164,14 @@ def test_a_plan_of_drawn_up_legs_gets_joints_too(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def climb() -> Plan:
+def climb() -> Motion:
     """Between walls; its largest torque is 20 Nm."""
     outcome = plan_with_reserve(TwoStage(), read_course("walls"))
     assert outcome.solution is not None
     return outcome.solution
 
 
-def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:
+def test_a_climb_is_bent_to_what_its_servos_have(climb: Motion) -> None:
     limits = WholeBodyLimits(torque_nm=10.0)
     assert torque_nm(climb) > 15.0
     assert torque_nm(with_joints(climb)) > 15.0  # forces alone do not do
@@ -189,7 +188,7 @@ def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:
     np.testing.assert_array_equal(bent.plan.choice, climb.choice)
 
 
-def test_a_quadruped_is_bent_to_less_than_its_forces_alone_allow(plan: Plan) -> None:
+def test_a_quadruped_is_bent_to_less_than_its_forces_alone_allow(plan: Motion) -> None:
     spared = whole_body(plan, WholeBodyLimits(torque_nm=17.5, steps=0))
     bent = whole_body(plan, WholeBodyLimits(torque_nm=17.5))
     assert spared.share > 1.3
@@ -198,7 +197,7 @@ def test_a_quadruped_is_bent_to_less_than_its_forces_alone_allow(plan: Plan) -> 
 
 
 @pytest.mark.parametrize("torque_nm", [4.0, 8.0, 14.0, 30.0])
-def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -> None:
+def test_what_comes_is_accepted_and_never_worse(climb: Motion, torque_nm: float) -> None:
     limits = WholeBodyLimits(torque_nm=torque_nm, steps=4)
     bent = whole_body(climb, limits)
     solver = Kinematics(climb.problem.robot)
@@ -216,15 +215,15 @@ def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -
 
 
 def test_a_result_that_the_verifier_refuses_is_none(
-    climb: Plan, monkeypatch: pytest.MonkeyPatch
+    climb: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     nothing = staticmethod(lambda name: Group(name))
     refused = type(
         "Refused", (), {"accepted": False, "contacts": False, "late": False, "group": nothing}
     )()
-    asked = list[Plan]()
+    asked = list[Motion]()
 
-    def check(plan: Plan, **options: Any) -> Any:
+    def check(plan: Motion, **options: Any) -> Any:
         """Only the plan as it came is accepted."""
         asked.append(plan)
         return refused if asked[1:] else check_plan(plan, **options)
@@ -237,7 +236,7 @@ def test_a_result_that_the_verifier_refuses_is_none(
         np.testing.assert_array_equal(getattr(bent.plan, name), getattr(climb, name))
 
 
-def test_it_is_the_same_twice(climb: Plan) -> None:
+def test_it_is_the_same_twice(climb: Motion) -> None:
     first, second = (whole_body(climb, WholeBodyLimits(torque_nm=12.0)) for _ in range(2))
     assert first.steps == second.steps
     for name in ("com_m", "rotation_rad", "toes_m", "forces_n", "joints_rad"):

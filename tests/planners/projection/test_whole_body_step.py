@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import BodyVariables, Forces, Given
@@ -35,28 +35,28 @@ SMALL = 1e-6
 
 
 @pytest.fixture(scope="module")
-def walls() -> Plan:
+def walls() -> Motion:
     outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
 
 
 @pytest.fixture(params=["drawn up", "of a file"])
-def plan(request: pytest.FixtureRequest, walls: Plan, dog_plan: Plan) -> Plan:
+def plan(request: pytest.FixtureRequest, walls: Motion, dog_plan: Motion) -> Motion:
     return with_joints(walls if request.param == "drawn up" else dog_plan)
 
 
-def scaled_of(plan: Plan) -> Scaled:
+def scaled_of(plan: Motion) -> Scaled:
     return Scaled.of(plan.problem).chosen(plan.choice)
 
 
-def restoration_of(plan: Plan) -> tuple[Restoration, Kinematics]:
+def restoration_of(plan: Motion) -> tuple[Restoration, Kinematics]:
     solver = Kinematics(plan.problem.robot)
     return Restoration(plan, scaled_of(plan), solver, solver.torque_nm), solver
 
 
 @pytest.fixture
-def about(plan: Plan) -> WholeBodyGiven:
+def about(plan: Motion) -> WholeBodyGiven:
     """Somewhere near the plan, tilted, where no foot is at its toe: rows are first order
     anywhere.
     """
@@ -134,7 +134,7 @@ def test_feet_move_with_joints_and_with_the_body_as_pinocchio_has_them(
     np.testing.assert_allclose(mine, slope, atol=1e-7)
 
 
-def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan: Plan) -> None:
+def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan: Motion) -> None:
     restoration, solver = restoration_of(plan)
     start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))
     assert start is not None
@@ -181,7 +181,7 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
 
 
 def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they_may(
-    walls: Plan, monkeypatch: pytest.MonkeyPatch
+    walls: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("stancekit.planners.projection.whole_body_step.TURN_RAD", 0.0)
     plan = with_joints(walls)
@@ -209,7 +209,7 @@ def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they
     assert (after - before)[~stays].max() > 1e-3
 
 
-def test_what_is_restored_is_exact(plan: Plan) -> None:
+def test_what_is_restored_is_exact(plan: Motion) -> None:
     restoration, solver = restoration_of(plan)
     scaled, rng = scaled_of(plan), np.random.default_rng(3)
     start = restoration.point()
@@ -236,7 +236,7 @@ def test_what_is_restored_is_exact(plan: Plan) -> None:
         assert restored.shares[s] == pytest.approx((torque / solver.torque_nm).max(), rel=1e-9)
 
 
-def test_feet_out_of_reach_are_not_restored(plan: Plan, walls: Plan) -> None:
+def test_feet_out_of_reach_are_not_restored(plan: Motion, walls: Motion) -> None:
     restoration, _ = restoration_of(plan)
     point = restoration.point()
     far = replace(point, com=point.com + np.array([0.0, 0.0, 2.0]))
@@ -244,7 +244,7 @@ def test_feet_out_of_reach_are_not_restored(plan: Plan, walls: Plan) -> None:
 
 
 def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_farther(
-    walls: Plan,
+    walls: Motion,
 ) -> None:
     solver = Kinematics(walls.problem.robot)
     angles = np.zeros((2, 24))
@@ -267,7 +267,7 @@ def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_
 
 
 @pytest.mark.parametrize("each", [False, True])
-def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Plan, each: bool) -> None:
+def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Motion, each: bool) -> None:
     """The body of a quadruped on level ground is held beside its feet, at the last key frame
     alone.
     """

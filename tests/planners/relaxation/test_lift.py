@@ -12,9 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.plan import Plan
+from stancekit import Certificate, Motion, Status
 from stancekit.planners.equilibrium.programs import ConicStatus, Programs
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
@@ -277,7 +275,9 @@ def around_a_posture(seed):
         com_nominal_m=com + rng.uniform(-0.01, 0.01, 3),
         com_radius_m=0.02,
     )
-    return Plan.of_posture(problem, com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
+    return Motion.of_posture(
+        problem, com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces
+    )
 
 
 @given(SEEDS)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.answer import Answer
-from stancekit.planners.answer.trajectory import Trajectory, robot_from_json
+from stancekit import Answer, Motion
+from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.robot import walker as walkers
 from stancekit.planners.robot.inverse_kinematics import Seeds
@@ -94,7 +94,7 @@ def test_it_is_written_with_its_legs_and_read_again(walker: Robot, model: RobotM
         robot_from_json(other)
 
 
-def walked(robot: Robot) -> Answer[Trajectory]:
+def walked(robot: Robot) -> Answer[Motion]:
     """Two seconds on level ground."""
     level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
     return stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled", robot=robot)

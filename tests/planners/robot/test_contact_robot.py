@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.joints import plan_angles
 from stancekit.planners.problem.course_file import read_course
@@ -47,7 +47,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def plan(folder: Path) -> Plan:
+def plan(folder: Path) -> Motion:
     outcome = TwoStage().solve(read_course(folder / "step.yaml"))
     assert outcome.solution is not None, outcome.message
     return outcome.solution
@@ -78,7 +78,7 @@ def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> No
         assert np.all(workspace.inner.contains(feet))
 
 
-def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Plan) -> None:
+def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Motion) -> None:
     bent = whole_body(plan).plan  # clear of the step on the way, too
     assert check_plan(bent, joints=True).accepted
     plan = bent
@@ -213,7 +213,7 @@ def test_another_robot_may_take_the_courses_place(folder: Path, tmp_path: Path) 
     assert read_course("walls").robot.model is None
 
 
-def test_angles_of_shorter_legs_are_the_nearest_ones(plan: Plan) -> None:
+def test_angles_of_shorter_legs_are_the_nearest_ones(plan: Motion) -> None:
     robot = plan.problem.robot
     short = model_of(quadruped().replace('xyz="0 0 -.3"', 'xyz="0 0 -.02"'))
     postures, error, _ = plan_angles(

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import FootContact
@@ -51,7 +51,7 @@ def test_a_ball_is_no_sole_a_wheel_is_no_foot_and_a_person_says_what_else() -> N
 
 
 @pytest.fixture(scope="module")
-def walked(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+def walked(tmp_path_factory: pytest.TempPathFactory) -> Motion:
     ground = tmp_path_factory.mktemp("flat") / "flat.obj"
     ground.write_text("v -2 -2 0\nv 2 -2 0\nv 2 2 0\nv -2 2 0\nf 1 2 3 4\n")
     body = contact_robot(model_of(biped()))
@@ -60,7 +60,7 @@ def walked(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     return answer.solution
 
 
-def test_plans_stand_on_whole_soles_that_are_apart_and_level(walked: Plan) -> None:
+def test_plans_stand_on_whole_soles_that_are_apart_and_level(walked: Motion) -> None:
     toes = walked.toes_m[walked.problem.holds]
     assert np.abs(toes[:, 0, 1] - toes[:, 1, 1]).min() >= 0.08
     tilted = np.array(walked.joints_rad)
@@ -69,7 +69,7 @@ def test_plans_stand_on_whole_soles_that_are_apart_and_level(walked: Plan) -> No
     assert report.group("joints").verdict == "violated"
 
 
-def test_ankles_bear_the_moments_of_forces_at_the_corners_of_soles(walked: Plan) -> None:
+def test_ankles_bear_the_moments_of_forces_at_the_corners_of_soles(walked: Motion) -> None:
     solver, course = Kinematics(walked.problem.robot), walked.problem
     stance = next(i for i, of in enumerate(course.stances) if len(of.limbs) == 1)
     (limb,), frame = course.stances[stance].limbs, course.stances[stance].frame
@@ -92,7 +92,7 @@ STEP = (
 )
 
 
-def test_torques_of_soles_are_judged_between_key_frames_too(walked: Plan) -> None:
+def test_torques_of_soles_are_judged_between_key_frames_too(walked: Motion) -> None:
     most = check_plan(walked, joints=True).group("torque").figures["torque_nm"]
     for more, verdict in ((0.02, "violated"), (1.0, "holds")):
         limited = {**walked.provenance, "torque_nm": most + more}
@@ -119,7 +119,7 @@ def test_toes_hang_down_in_the_air_where_ankles_have_no_room_and_stay_off_the_st
     assert (corners[..., 2] - ground).min() > -1e-6
 
 
-def test_soles_are_narrowed_to_where_ankles_hold_the_weight(walked: Plan) -> None:
+def test_soles_are_narrowed_to_where_ankles_hold_the_weight(walked: Motion) -> None:
     course = walked.problem
     assert narrowed(course, 0.5).robot.limbs[0].sole_m == pytest.approx(
         0.5 * course.robot.limbs[0].sole_m

@@ -10,7 +10,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import directions, link_lengths, outward_rad, swivels
@@ -34,7 +34,7 @@ def kinematics() -> Kinematics:
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
+def plan() -> Motion:
     outcome = TwoStage().solve(read_course("walls", frames=3))
     assert outcome.solution is not None
     return outcome.solution
@@ -185,7 +185,7 @@ def test_rotations_are_exact_not_linearised() -> None:
     np.testing.assert_allclose(rotation_of(np.zeros(3)), np.eye(3))
 
 
-def test_a_plan_has_angles_that_stay_close_where_toes_stay(plan: Plan) -> None:
+def test_a_plan_has_angles_that_stay_close_where_toes_stay(plan: Motion) -> None:
     answers, _, _ = plan_angles(plan)
     assert len(answers) == plan.problem.frames
     for k in range(1, plan.problem.frames):
@@ -196,7 +196,7 @@ def test_a_plan_has_angles_that_stay_close_where_toes_stay(plan: Plan) -> None:
 
 @pytest.mark.parametrize("limb", [0, 2, 4])
 def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
-    plan: Plan, kinematics: Kinematics, limb: int
+    plan: Motion, kinematics: Kinematics, limb: int
 ) -> None:
     """It begins with the knee at the far side of its circle about the line from shoulder to
     foot.
@@ -220,7 +220,7 @@ def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
     assert np.abs(found[1] - found[0])[its].max() <= 0.5
 
 
-def test_a_good_plan_is_within_the_joints(plan: Plan) -> None:
+def test_a_good_plan_is_within_the_joints(plan: Motion) -> None:
     angles, joints, torque = joint_groups(plan)
     assert [joints.verdict, torque.verdict] == ["holds", "holds"], joints.message + torque.message
     assert angles.shape == (plan.problem.frames, len(ROBOT.joint_names))
@@ -230,7 +230,7 @@ def test_a_good_plan_is_within_the_joints(plan: Plan) -> None:
     )  # paper E: "assumed to always be at the geometric center"
 
 
-def test_weak_servos_are_found_with_frame_and_limb(plan: Plan, kinematics: Kinematics) -> None:
+def test_weak_servos_are_found_with_frame_and_limb(plan: Motion, kinematics: Kinematics) -> None:
     angles, _, strong = joint_groups(plan)
     each = [
         np.abs(
@@ -248,7 +248,7 @@ def test_weak_servos_are_found_with_frame_and_limb(plan: Plan, kinematics: Kinem
     assert_names(torque.message, f"frame {place[0]}", f"limb {place[1]}")
 
 
-def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Plan) -> None:
+def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Motion) -> None:
     toes = plan.toes_m.copy()
     foothold = int(plan.problem.holds[2][4])
     toes[foothold] += [0.0, 0.0, 0.6]

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import WHOLE_BODY, Plan
+from stancekit import Motion
+from stancekit.planners.answer.plan import WHOLE_BODY
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem import Problem
@@ -66,7 +67,7 @@ def four(**legs: Any) -> dict[str, Any]:
 
 
 @pytest.fixture(scope="module")
-def plan() -> Plan:
+def plan() -> Motion:
     """A plan for four limbs that nobody gave legs."""
     found = plan_course(build_course(spec_from(FOUR)), TwoStage()).solution
     assert found is not None
@@ -82,7 +83,7 @@ def test_limbs_alone_have_no_legs() -> None:
         assert str(error.value) == UNKNOWN
 
 
-def test_a_plan_of_limbs_alone_is_accepted_as_far_as_checked(plan: Plan) -> None:
+def test_a_plan_of_limbs_alone_is_accepted_as_far_as_checked(plan: Motion) -> None:
     report = check_plan(plan, joints=True)
     assert report.accepted
     assert {report.group(name).message for name in WHOLE_BODY} == {UNKNOWN}
@@ -152,7 +153,7 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
     assert config_path("robots/hexapod.urdf").read_text(encoding="utf-8") == hexapod_urdf(hexapod())
 
 
-def test_a_plan_of_unknown_legs_has_no_joints(plan: Plan) -> None:
+def test_a_plan_of_unknown_legs_has_no_joints(plan: Motion) -> None:
     forged = replace(plan, joints_rad=np.zeros((plan.problem.frames, 16)))
     report = check_plan(forged)
     assert not report.accepted

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.answer import Answer, Effort, Status
-from stancekit.planners.answer.plan import Plan
+from stancekit import Answer, Effort, Motion, Status
 from stancekit.planners.problem import Problem
 from stancekit.planners.search.answer import Method
 from stancekit.planners.search.exact import Exact
@@ -22,10 +21,10 @@ class Picky:
 
     name = "picky"
 
-    def __init__(self, plan: Plan, friction: float) -> None:
+    def __init__(self, plan: Motion, friction: float) -> None:
         self.plan, self.friction, self.asked = plan, friction, list[float]()
 
-    def solve(self, course: Problem) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Motion]:
         friction = course.footholds[0].candidates[0].friction
         self.asked.append(friction)
         if friction < self.friction:
@@ -36,7 +35,7 @@ class Picky:
 
 
 def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(
-    walk: Callable[..., Plan],
+    walk: Callable[..., Motion],
 ) -> None:
     plan = walk()
     planner = Picky(plan, 0.85 * plan.problem.footholds[0].candidates[0].friction)
@@ -48,7 +47,7 @@ def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(
 
 
 def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(
-    walk: Callable[..., Plan],
+    walk: Callable[..., Motion],
 ) -> None:
     plan = walk()
     planner = Picky(plan, 1e6)
@@ -57,7 +56,7 @@ def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(
     assert planner.asked[-1] == plan.problem.footholds[0].candidates[0].friction
 
 
-def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) -> None:
+def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Motion]) -> None:
     course = walk().problem
     dulled = slippery(course, 0.5)
     for before, after in zip(course.footholds, dulled.footholds, strict=True):
@@ -71,7 +70,7 @@ def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) ->
 
 
 def test_one_time_limit_is_for_all_shares_together(
-    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+    walk: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now, given = [0.0], []
 
@@ -80,7 +79,7 @@ def test_one_time_limit_is_for_all_shares_together(
         name = "slow"
         time_limit_s: float | None = 10.0
 
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             given.append((float(course.terrain[0].friction), self.time_limit_s))
             now[0] += self.time_limit_s
             return Answer(status=Status.UNDECIDED, method=self.name)
@@ -105,7 +104,7 @@ def test_a_limited_planner_keeps_the_usual_limit_of_postures() -> None:
 
 
 def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_cannot_be_limited(
-    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+    walk: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [100.0]
 
@@ -116,7 +115,7 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
         def __init__(self) -> None:
             self.asked = list[float]()
 
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             self.asked.append(float(course.terrain[0].friction))
             now[0] += 4.0
             return Answer(status=Status.UNDECIDED, method=self.name)
@@ -138,7 +137,7 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
 
 
 def test_a_push_that_nothing_depends_on_is_looked_for_no_longer_than_the_plan_took(
-    walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch
+    walk: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now, given = [0.0], list[float]()
     plan = walk()
@@ -149,7 +148,7 @@ def test_a_push_that_nothing_depends_on_is_looked_for_no_longer_than_the_plan_to
         name = "slow"
         time_limit_s: float | None = 600.0
 
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             given.append(self.time_limit_s)
             began, found = now[0], course.push_n == 0.0
             now[0] += 7.0 if found else self.time_limit_s

@@ -10,9 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.plan import Plan
+from stancekit import Certificate, Motion, Status
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
 from stancekit.planners.problem import Contact, Problem
@@ -178,7 +176,7 @@ def test_answers_are_verified_and_no_postures_are_where_proofs_are(
     assert found[Status.UNDECIDED] <= (2 if tilt else 0)
 
 
-def worst_row(problem: Problem, posture: Plan) -> float:
+def worst_row(problem: Problem, posture: Motion) -> float:
     """How far a toe is beyond a half-space that was turned with the body, one after the other
     [m].
     """

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
+from stancekit import Answer, Motion, Status
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.formats.motion_file import PartialPlan
 from stancekit.planners.problem.course_file import read_course
@@ -26,8 +25,8 @@ from stancekit.planners.verify import check_plan
 class Kept:
     """What is kept, in memory."""
 
-    first: Plan | None = None
-    plans: list[Plan] = field(default_factory=list)
+    first: Motion | None = None
+    plans: list[Motion] = field(default_factory=list)
 
     def begun(self, course):
         """As it was given."""

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
+from stancekit import Answer, Motion, Status
 from stancekit.planners.errors import TimeEnded
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, Alternative
@@ -127,7 +126,7 @@ def test_a_course_and_its_file_are_proved_with_the_same_tilt_limit(
         class Listening(TwoStage):
             """One that proves nothing over outer sets, and takes no time to."""
 
-            def solve(self, course: Problem) -> Answer[Plan]:
+            def solve(self, course: Problem) -> Answer[Motion]:
                 seen.append((sets_of(course.robot), course.tilt_limit_rad))
                 if sets_of(course.robot) == "outer":
                     return Answer(status=Status.UNDECIDED, method=self.name)
@@ -199,24 +198,24 @@ class Walked:
 
     name = "walked"
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Motion) -> None:
         self.plan = plan
 
-    def solve(self, course: Problem) -> Answer[Plan]:
+    def solve(self, course: Problem) -> Answer[Motion]:
         return Answer(
             status=Status.FEASIBLE, method=self.name, solution=replace(self.plan, problem=course)
         )
 
 
 @pytest.fixture(scope="module")
-def climb() -> Plan:
+def climb() -> Motion:
     plan = TwoStage().solve(read_course("walls", frames=3)).solution
     assert plan is not None
     return plan
 
 
 def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
-    climb: Plan, monkeypatch: pytest.MonkeyPatch
+    climb: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [100.0]
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
@@ -227,7 +226,7 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
     class Slow(Walked):
         """One whose search takes all of the time."""
 
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             now[0] += 30.0
             return super().solve(course)
 
@@ -242,7 +241,7 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
 
 
 def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(
-    climb: Plan, monkeypatch: pytest.MonkeyPatch
+    climb: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now, laid = [100.0], list[str]()
     monkeypatch.setattr(time, "perf_counter", lambda: now[0])
@@ -255,7 +254,7 @@ def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(
     class Vain(Walked):
         """One that finds nothing, in a second."""
 
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             now[0] += 1.0
             return Answer(status=Status.UNDECIDED, method=self.name)
 
@@ -265,11 +264,11 @@ def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(
 
 
 def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_bodies(
-    climb: Plan, monkeypatch: pytest.MonkeyPatch
+    climb: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from stancekit.planners.projection import whole_body
 
-    def ended(plan: Plan, **_: object) -> Report:
+    def ended(plan: Motion, **_: object) -> Report:
         raise TimeEnded("the time limit ended")
 
     monkeypatch.setattr(whole_body, "check_plan", ended)
@@ -280,11 +279,11 @@ def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_b
     assert outcome.status is Status.FEASIBLE  # the verifier had the time
 
 
-def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Plan) -> None:
+def test_a_claim_of_a_planner_from_elsewhere_is_not_believed(climb: Motion) -> None:
     class Liar(Walked):
         """One whose robot floats."""
 
-        def solve(self, course: Problem) -> Answer[Plan]:
+        def solve(self, course: Problem) -> Answer[Motion]:
             plan = replace(self.plan, problem=course, forces_n=0.0 * self.plan.forces_n)
             return Answer(status=Status.FEASIBLE, method=self.name, solution=plan)
 

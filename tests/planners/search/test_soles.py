@@ -10,9 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.plan import Plan
+from stancekit import Certificate, Motion, Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -207,7 +205,7 @@ def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, w
     """
     _, posture = stood
     point = on_one_sole(0.0, 0.0, sole=None)
-    held = Plan.of_posture(
+    held = Motion.of_posture(
         point,
         com_m=point.com_nominal_m[0],
         rotation_rad=np.zeros(3),

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
+from stancekit import Answer, Motion, Status
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
@@ -26,12 +25,12 @@ from tests.refusals import assert_names, refuses
 
 
 @pytest.fixture(scope="module")
-def planned() -> Answer[Plan]:
+def planned() -> Answer[Motion]:
     return plan_with_reserve(TwoStage(), read_course("walls", frames=4))
 
 
 def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(
-    planned: Answer[Plan],
+    planned: Answer[Motion],
 ) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
     said = outcome.report
@@ -53,7 +52,7 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(
     assert set(planned.details) <= set(outcome.details)
 
 
-def test_the_same_comes_of_the_library(planned: Answer[Plan]) -> None:
+def test_the_same_comes_of_the_library(planned: Answer[Motion]) -> None:
     limits = WholeBodyLimits(torque_nm=12.0, share=0.8)
     outcome = with_whole_body(planned, limits)
     same = stancekit.plan("walls", frames=4, settings=stancekit.PlanSettings(body=limits))
@@ -65,7 +64,7 @@ def test_the_same_comes_of_the_library(planned: Answer[Plan]) -> None:
     assert stancekit.verify(same.solution).accepted
 
 
-def test_what_torque_forbids_is_undecided_and_says_where(planned: Answer[Plan]) -> None:
+def test_what_torque_forbids_is_undecided_and_says_where(planned: Answer[Motion]) -> None:
     outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=1.0, steps=2))
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
@@ -77,13 +76,13 @@ def test_what_torque_forbids_is_undecided_and_says_where(planned: Answer[Plan]) 
     assert_names(outcome.message, "torque", f"frame {worst['frame']}", f"limb {worst['limb']}")
 
 
-def test_without_a_plan_there_is_nothing_to_bend(planned: Answer[Plan]) -> None:
+def test_without_a_plan_there_is_nothing_to_bend(planned: Answer[Motion]) -> None:
     none = replace(planned, solution=None, status=Status.UNDECIDED)
     assert with_whole_body(none, WholeBodyLimits(torque_nm=10.0)) is none
 
 
 def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_asked_for(
-    planned: Answer[Plan], monkeypatch: pytest.MonkeyPatch
+    planned: Answer[Motion], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     outcome = with_whole_body(planned)
@@ -101,7 +100,7 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
 
 @pytest.mark.parametrize("written", [1e9, -5.0, "10", None, [10.0]])
 def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(
-    planned: Answer[Plan], written: object
+    planned: Answer[Motion], written: object
 ) -> None:
     assert planned.solution is not None
     forged = replace(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
@@ -34,7 +34,7 @@ def plate(x: float, height: float, half: float = 0.01) -> Patch:
     return Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
 
 
-def with_patch(plan: Plan, patch: Patch) -> Plan:
+def with_patch(plan: Motion, patch: Patch) -> Motion:
     return replace(plan, problem=replace(plan.problem, terrain=(*plan.problem.terrain, patch)))
 
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.certificate import Crossing
-from stancekit.planners.answer.plan import LeapPlan, Plan
+from stancekit import Motion, Way
 from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.motion.gait_motion import BLEND_S, crossing_motion
 from stancekit.planners.motion.leap_motion import LeapBody
@@ -22,31 +21,33 @@ from tests.refusals import assert_names, refuses
 LEAP = Path("tests/data/leap-hop-anymal.json")
 
 
+def crossing(name: str, *parts: Motion, refusal: str = "") -> Motion:
+    way = Way(name=name, course=parts[0].problem, refusal=refusal)
+    return Motion(problem=way, parts=parts)
+
+
 @pytest.fixture(scope="module")
-def climb() -> Plan:
-    plan = stancekit.plan("stairs", frames=2).solution
-    assert isinstance(plan, Plan)
-    return plan
+def climb() -> Motion:
+    return stancekit.plan("stairs", frames=2).solution
 
 
-def test_a_part_of_another_robot_is_refused(climb: Plan) -> None:
-    leap = stancekit.load(LEAP, LeapPlan)
-    report = check_crossing(Crossing(name="forged", parts=(climb, leap)))
+def test_a_part_of_another_robot_is_refused(climb: Motion) -> None:
+    leap = stancekit.load(LEAP, Motion)
+    report = check_crossing(crossing("forged", climb, leap))
     assert not report.accepted
     assert_names(report.message, "part 2", "robot", "part 1")
 
 
-def test_a_part_over_other_ground_is_refused(climb: Plan) -> None:
+def test_a_part_over_other_ground_is_refused(climb: Motion) -> None:
     other = stancekit.plan("walls", frames=2).solution
-    assert isinstance(other, Plan)
-    report = check_crossing(Crossing(name="forged", parts=(climb, other)))
+    report = check_crossing(crossing("forged", climb, other))
     assert not report.accepted
     assert_names(report.message, "part 2", "terrain", "part 1")
 
 
-def test_parts_that_do_not_meet_are_refused(climb: Plan) -> None:
+def test_parts_that_do_not_meet_are_refused(climb: Motion) -> None:
     aside = replace(climb, toes_m=climb.toes_m + np.array([0.0, 1e-3, 0.0]))
-    report = check_crossing(Crossing(name="forged", parts=(climb, aside)))
+    report = check_crossing(crossing("forged", climb, aside))
     assert report.group("1: climb").verdict == "holds"
     assert report.group("1 to 2: toes").value == pytest.approx(1e-3)
     assert report.group("1 to 2: toes").verdict == "violated"
@@ -54,11 +55,11 @@ def test_parts_that_do_not_meet_are_refused(climb: Plan) -> None:
     assert not report.accepted
 
 
-def test_a_file_reads_back_and_shows_where_it_was_changed(climb: Plan, tmp_path: Path) -> None:
+def test_a_file_reads_back_and_shows_where_it_was_changed(climb: Motion, tmp_path: Path) -> None:
     path = tmp_path / "crossing.json"
-    stancekit.save(Crossing(name="stairs", parts=(climb,), refusal="no way"), path)
-    back = stancekit.load(path, Crossing)
-    assert (back.name, back.refusal, len(back.parts)) == ("stairs", "no way", 1)
+    stancekit.save(crossing("stairs", climb, refusal="no way"), path)
+    back = stancekit.load(path, Motion)
+    assert (back.name, back.problem.refusal, len(back.parts)) == ("stairs", "no way", 1)
     np.testing.assert_array_equal(back.parts[0].com_m, climb.com_m)
     assert stancekit.verify(path).accepted
     data = json.loads(path.read_text())
@@ -68,14 +69,14 @@ def test_a_file_reads_back_and_shows_where_it_was_changed(climb: Plan, tmp_path:
         read_motion(path)
 
 
-def test_a_crossing_has_a_name_that_ends_in_json(climb: Plan, tmp_path: Path) -> None:
+def test_a_crossing_has_a_name_that_ends_in_json(climb: Motion, tmp_path: Path) -> None:
     with refuses(".json"):
-        stancekit.save(Crossing(name="stairs", parts=(climb,)), tmp_path / "crossing.txt")
+        stancekit.save(crossing("stairs", climb), tmp_path / "crossing.txt")
 
 
-def test_body_and_feet_go_on_without_a_jump_from_part_to_part(climb: Plan) -> None:
+def test_body_and_feet_go_on_without_a_jump_from_part_to_part(climb: Motion) -> None:
     motion, alone = (
-        crossing_motion(Crossing(name="twice", parts=(climb, climb))),
+        crossing_motion(crossing("twice", climb, climb)),
         plan_motion(climb),
     )
     last = alone.duration_s
@@ -116,7 +117,7 @@ def test_a_forged_crossing_is_refused_by_the_group_that_it_concerns(
     fakes = {name: fake for name, fake in forgeries(honest, None) if name in FORGED}
     assert fakes.keys() == FORGED.keys()
     for name, fake in fakes.items():
-        assert isinstance(fake, Crossing)
+        assert isinstance(fake, Motion)
         report = check_crossing(fake)
         assert not report.accepted, name
         assert report.group(FORGED[name]).verdict == "violated", name
@@ -125,7 +126,7 @@ def test_a_forged_crossing_is_refused_by_the_group_that_it_concerns(
 def test_a_leap_that_draws_its_legs_up_at_its_middle_alone_is_refused_in_words() -> None:
     honest = read_motion(WHOLE)[0]
     leap = honest.parts[1]
-    assert isinstance(leap, LeapPlan)
+    assert leap.has("timing")
     parts = (honest.parts[0], replace(leap, gather=np.array([0.5, 0.8])), honest.parts[2])
     report = check_crossing(replace(honest, parts=parts))
     assert not report.accepted

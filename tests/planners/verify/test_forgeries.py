@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import Motion
 from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
@@ -19,7 +19,7 @@ from tests.forgeries.walks import KINDS
 
 
 @cache
-def honest() -> Trajectory:
+def honest() -> Motion:
     return crawl()
 
 

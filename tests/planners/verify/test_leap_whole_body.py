@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit import Motion
 from stancekit.configs import config_path
-from stancekit.planners.answer.plan import LEAP_BODY, LeapPlan
+from stancekit.planners.answer.plan import LEAP_BODY
 from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.leap.bend import joint_rows, legged_numbers, point_of as point_of_plan
@@ -26,14 +27,14 @@ FILE = Path(__file__).parents[2] / "data" / "leap-hop-anymal.json"
 
 
 @pytest.fixture(scope="module")
-def plan() -> LeapPlan:
+def plan() -> Motion:
     found = read_motion(FILE)[0]
     assert found is not None
     return found
 
 
 @pytest.fixture(scope="module")
-def measured(plan: LeapPlan) -> LeapBodyMeasurements:
+def measured(plan: Motion) -> LeapBodyMeasurements:
     return LeapBodyMeasurements(LeapBody(plan))
 
 
@@ -71,7 +72,7 @@ def test_rows_of_joints_say_at_the_plan_what_was_measured_there(measured: LeapBo
     assert share == pytest.approx(measured.line.max(), abs=0.25)
 
 
-def test_a_leap_twice_as_fast_is_refused_by_its_joints(plan: LeapPlan):
+def test_a_leap_twice_as_fast_is_refused_by_its_joints(plan: Motion):
     leap = replace(plan.problem, timings_s=(tuple(0.5 * s for s in plan.problem.timings_s[0]),))
     fast = replace(plan, problem=leap, velocity_m_s=2.0 * plan.velocity_m_s)
     groups = {g.name: g for g in LeapBodyMeasurements(LeapBody(fast)).groups(bodies=False)}
@@ -86,9 +87,9 @@ def test_a_leap_of_limbs_alone_is_not_judged_with_legs_and_says_so():
     assert with_body(report).unchecked == LEAP_BODY
 
 
-def test_a_plan_keeps_how_legs_are_drawn_up_in_its_file(plan: LeapPlan, tmp_path):
+def test_a_plan_keeps_how_legs_are_drawn_up_in_its_file(plan: Motion, tmp_path):
     write_motion(tmp_path / "again.json", plan, check_leap(plan))
-    again, _ = read_motion(tmp_path / "again.json", LeapPlan)
+    again, _ = read_motion(tmp_path / "again.json")
     np.testing.assert_array_equal(again.gather, plan.gather)
     np.testing.assert_array_equal(again.legs_turn_rad, plan.legs_turn_rad)
     bad = check_leap(replace(plan, gather=np.array([0.0, 0.5])))
@@ -109,7 +110,7 @@ def test_legs_that_nobody_knows_turn_nothing():
     ("was", "groups"),
     [('velocity="12"', ("joint_speed", "torque")), ('effort="80"', ("torque",))],
 )
-def test_joints_without_limits_are_not_checked_by_them(plan: LeapPlan, was: str, groups, tmp_path):
+def test_joints_without_limits_are_not_checked_by_them(plan: Motion, was: str, groups, tmp_path):
     from stancekit.planners.robot.walker import leaping_robot
 
     text = config_path("robots/anymal.urdf").read_text()
@@ -121,7 +122,7 @@ def test_joints_without_limits_are_not_checked_by_them(plan: LeapPlan, was: str,
     assert_names(report.group("torque").message, "limit")
 
 
-def test_a_leap_of_microseconds_is_refused_in_words(plan: LeapPlan):
+def test_a_leap_of_microseconds_is_refused_in_words(plan: Motion):
     leap = replace(plan.problem, timings_s=((1e-6, 1e-6, 1e-6),))
     report = check_leap(replace(plan, problem=leap), body=True)
     assert not report.accepted

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.plan import MARGIN, Plan
+from stancekit import Motion
+from stancekit.planners.answer.plan import MARGIN
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.contact import Contact
 from stancekit.planners.problem.problem import Problem
@@ -53,14 +54,14 @@ def four_feet(com_m: Array, friction: float, patch_m: float = 0.05) -> Problem:
     return Problem.posture(contacts, mass_kg=MASS_KG, com_nominal_m=com_m, com_radius_m=0.1)
 
 
-def table(com_m: tuple[float, float], friction: float) -> Plan:
+def table(com_m: tuple[float, float], friction: float) -> Motion:
     """Four feet at the corners of a square on level ground, the centre of mass above it."""
     com = np.array([*com_m, HEIGHT_M])
     u, v = 0.5 + np.array(com_m) / (2.0 * HALF_M)  # bilinear shares of the weight
     shares = np.array([u * v, (1 - u) * v, (1 - u) * (1 - v), u * (1 - v)])
     forces = np.zeros((1, 4, 3))
     forces[0, :, 2] = shares * WEIGHT_N
-    return Plan(
+    return Motion(
         problem=four_feet(com, friction).course(),
         com_m=com[None],
         rotation_rad=np.zeros((1, 3)),
@@ -71,7 +72,7 @@ def table(com_m: tuple[float, float], friction: float) -> Plan:
     )
 
 
-def only(plan: Plan, yields_m: float = 0.0) -> dict[str, float]:
+def only(plan: Motion, yields_m: float = 0.0) -> dict[str, float]:
     """The margins of a plan's one stance."""
     return {
         name: float(value) for name, (value,) in stance_margins(plan, yields_m=yields_m).items()
@@ -122,7 +123,7 @@ def test_the_region_of_a_table_is_the_square_of_its_feet() -> None:
 
 
 @pytest.fixture(scope="module")
-def climb() -> Plan:
+def climb() -> Motion:
     found = stancekit.plan("stairs", stancekit.TwoStage(reserve=False), frames=5).solution
     assert found is not None
     return found
@@ -130,7 +131,7 @@ def climb() -> Plan:
 
 @pytest.mark.parametrize("scatter", [0.0, 0.1, 2.0])
 def test_what_forces_near_the_plans_show_is_never_more_than_there_is(
-    climb: Plan, scatter: float, monkeypatch: pytest.MonkeyPatch
+    climb: Motion, scatter: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Borne pushes are those of every stance looked at, also of forces that are none."""
     rng = np.random.default_rng(int(100 * scatter))

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.errors import TimeEnded
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
@@ -25,7 +25,9 @@ from stancekit.planners.robot.kinematics import Kinematics
 from tests.refusals import assert_names
 
 
-def test_moments_are_a_centimetre_apart_and_meet_every_key_frame(walk: Callable[..., Plan]) -> None:
+def test_moments_are_a_centimetre_apart_and_meet_every_key_frame(
+    walk: Callable[..., Motion],
+) -> None:
     plan = walk(4)
     path = PlanPath(plan)
     moments = path.moments()
@@ -39,7 +41,9 @@ def test_moments_are_a_centimetre_apart_and_meet_every_key_frame(walk: Callable[
     assert all(np.all(late >= early) for early, late in pairwise(moments.frame))
 
 
-def test_joints_along_a_path_are_looked_for_until_the_time_ends(walk: Callable[..., Plan]) -> None:
+def test_joints_along_a_path_are_looked_for_until_the_time_ends(
+    walk: Callable[..., Motion],
+) -> None:
     plan = with_joints(walk(3))
     with pytest.raises(TimeEnded):
         JointPath(PlanPath(plan), Kinematics(plan.problem.robot)).judged(deadline=0.0)
@@ -48,7 +52,7 @@ def test_joints_along_a_path_are_looked_for_until_the_time_ends(walk: Callable[.
     assert "motion" in late.unchecked
 
 
-def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]) -> None:
+def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Motion]) -> None:
     """A bead where the shank of a limb is in the middle of its swing, which no link is in at any
     key frame.
     """
@@ -81,7 +85,7 @@ def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]
     assert report.digest != replace(report, groups=tuple(unseen)).digest
 
 
-def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Plan]) -> None:
+def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Motion]) -> None:
     jumps = check_plan(with_joints(walk(2, "all")), joints=True)
     found = jumps.group("motion")
     assert found.verdict == "not asked for"
@@ -98,7 +102,7 @@ def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Plan]) -> None:
     assert_names(report.group("motion").message, "path", "500 m")
 
 
-def test_a_foot_that_cannot_follow_its_path_is_named(walk: Callable[..., Plan]) -> None:
+def test_a_foot_that_cannot_follow_its_path_is_named(walk: Callable[..., Motion]) -> None:
     """A body so low that the legs do not fold as far as feet are lifted."""
     plan = walk(2)
     low = with_joints(replace(plan, com_m=plan.com_m - [0.0, 0.0, 0.15], toes_m=0.6 * plan.toes_m))

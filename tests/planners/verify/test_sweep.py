@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from stancekit import Motion
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import BETWEEN, GROUPS, check_plan, check_postures
 from stancekit.planners.verify.geometry import patch_distances
@@ -81,7 +81,7 @@ def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed,
                 com_radius_m=(1 - t) * course.com_radius_m[k] + t * course.com_radius_m[k + 1],
             )
             on = list(stay)
-            posture = Plan.of_posture(
+            posture = Motion.of_posture(
                 problem, **mixed, toes_m=plan.toes_at(k)[on], forces_n=forces[on]
             )
             worst = max(worst, check_plan(posture).worst)
@@ -104,7 +104,7 @@ def test_many_postures_at_once_are_judged_as_each_alone():
             13: {"forces_n": 1e300 * forces},
         }.get(k, {})
         values = {"com_m": com, "rotation_rad": rotation, "toes_m": toes, "forces_n": forces} | bad
-        postures.append(Plan.of_posture(problem, **values))
+        postures.append(Motion.of_posture(problem, **values))
     found = check_postures(postures)
     alone = [check_plan(posture).worst for posture in postures]
     np.testing.assert_allclose(found, alone, rtol=1e-12)

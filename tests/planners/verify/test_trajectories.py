@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.trajectory import Trajectory, WalkQuestion
+from stancekit import Motion, WalkQuestion
 from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import trajectories
@@ -89,7 +89,7 @@ def carrying(arms, weight_n) -> np.ndarray:
     return weight_n * np.outer(shares, [0.0, 0.0, 1.0])
 
 
-def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
+def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Motion:
     """Still on a plane, the torso along it, the feet at their nominal places, the forces straight
     up and exact.
     """
@@ -100,7 +100,7 @@ def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
     feet = torso + nominal(body) @ rotation.T
     forces = carrying(feet - torso, body.mass_kg * G)
     count = len(TIMES_S)
-    return Trajectory(
+    return Motion(
         times_s=TIMES_S,
         torso_m=np.tile(torso, (count, 1)),
         rotation=np.tile(rotation, (count, 1, 1)),
@@ -121,7 +121,7 @@ def standing(slope_x=0.0, slope_y=0.0, friction=0.75) -> Trajectory:
     )
 
 
-def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2.4)) -> Trajectory:
+def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2.4)) -> Motion:
     """Through the air, the feet held still under the body, the spin by Euler's equations
     (integrated by scipy).
     """
@@ -166,7 +166,7 @@ def flying(spin=(0.0, 0.0, 1.2), velocity=(0.8, -0.3, 2.4), inertia=(1.0, 2.0, 2
     )
 
 
-def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Trajectory:
+def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Motion:
     """On level ground, the torso bobbing and rolling about its x by sines, the forces from their
     second derivatives.
     """
@@ -187,7 +187,7 @@ def swaying(amplitude_m=0.02, roll_rad=0.05, rate=6.0) -> Trajectory:
     )
 
 
-def stepping() -> Trajectory:
+def stepping() -> Motion:
     """Standing, but the left forefoot swings up and ahead from .15 s to .35 s; the others carry
     what they can.
     """

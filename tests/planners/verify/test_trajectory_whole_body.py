@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.trajectory import Trajectory
+from stancekit import Motion
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.robot_model import RobotModel
@@ -25,7 +25,7 @@ pin = pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
 
 
-def swaying() -> Trajectory:
+def swaying() -> Motion:
     """The body turns and sways while LF swings: everything moves."""
     walk = stepping()
     share = 0.1 * np.sin(4.0 * walk.times_s)[:, None]
@@ -33,11 +33,11 @@ def swaying() -> Trajectory:
     return replace(walk, rotation=rotation, torso_m=walk.torso_m + share * [0.1, 0.2, -0.3])
 
 
-def measured(walk: Trajectory) -> WholeBodyMeasurements:
+def measured(walk: Motion) -> WholeBodyMeasurements:
     return WholeBodyMeasurements(TrajectoryMeasurements(walk))
 
 
-def own(walk: Trajectory) -> RobotModel:
+def own(walk: Motion) -> RobotModel:
     assert walk.robot.model is not None
     return walk.robot.model
 

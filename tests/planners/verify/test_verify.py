@@ -13,9 +13,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import nnls
 
+from stancekit import Certificate, Motion
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.planners.answer.certificate import Certificate
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import GROUPS, check_certificate, check_plan, explain, geometry
@@ -78,7 +77,7 @@ def problem_of(*contacts, com=(0.0, 0.0, 0.0), radius=0.08, **rest):
 
 def standing(*, com=(0, 0, 0), rotation=(0, 0, 0), toe=(0, 0, -0.2), force=(0, 0, WEIGHT_N)):
     """The posture on one flat patch straight below the COM."""
-    return Plan.of_posture(
+    return Motion.of_posture(
         problem_of(ground()), com_m=com, rotation_rad=rotation, toes_m=[toe], forces_n=[force]
     )
 
@@ -88,7 +87,7 @@ def bracing(normal_n):
     forces = [[0, -normal_n, WEIGHT_N / 2], [0, normal_n, WEIGHT_N / 2]]
     toes = [[0, 0.4, 0], [0, -0.4, 0]]
     problem = problem_of(wall("LM", 1), wall("RM", -1))
-    return Plan.of_posture(
+    return Motion.of_posture(
         problem, com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces
     )
 
@@ -218,7 +217,7 @@ def test_the_rotation_moves_the_shoulders_by_its_cross_product():
 def test_every_group_agrees_with_a_slow_reference_at_random_postures(seed):
     rng = np.random.default_rng(seed)
     problem = DISTRIBUTIONS[rng.choice(["wall-3", "wall-5", "ground-3"])].sample(rng)
-    posture = Plan.of_posture(
+    posture = Motion.of_posture(
         problem,
         com_m=rng.normal(0, 0.1, 3),
         rotation_rad=rng.normal(0, 0.2, 3),
@@ -304,7 +303,8 @@ def test_what_is_no_posture_is_rejected_without_an_exception(name, bad):
         values[name] = values[name].copy()
         values[name].flat[1] = bad
     report = check_plan(
-        Plan.of_posture(problem_of(ground()), **values), tolerance=np.inf if bad != 1e300 else 1e-6
+        Motion.of_posture(problem_of(ground()), **values),
+        tolerance=np.inf if bad != 1e300 else 1e-6,
     )
     assert not report.accepted
     if bad != 1e300:
@@ -728,7 +728,7 @@ def feasible(rng):
                 "tilt_limit_rad": np.abs(rotation).max(),
             }
             problem = problem.posture_with(contacts=tuple(contacts), **limits)
-            return Plan.of_posture(
+            return Motion.of_posture(
                 problem, com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces
             )
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import stancekit
-from stancekit.planners.answer.plan import Plan
+from stancekit import Motion
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.problem.contact import at_point
@@ -57,11 +57,11 @@ def table(friction: float = 5.0, legs: Sequence[str] = tuple(CORNERS)) -> Proble
     )
 
 
-def standing(problem: Problem, forces_n: Array) -> Plan:
+def standing(problem: Problem, forces_n: Array) -> Motion:
     """The feet in the middle of their squares."""
     toes = np.array([[HALF_M * x, HALF_M * y, 0.0] for x, y in CORNERS.values()])
     com = np.array([0, 0, HEIGHT_M])
-    return Plan.of_posture(
+    return Motion.of_posture(
         problem, com_m=com, rotation_rad=np.zeros(3), toes_m=toes, forces_n=forces_n
     )
 
@@ -207,7 +207,7 @@ def test_what_is_not_the_wrenchs_fault_is_not_said_of_it() -> None:
 
 
 @pytest.fixture
-def pulled(walk: Callable[..., Plan]) -> Plan:
+def pulled(walk: Callable[..., Motion]) -> Motion:
     """A walk whose forces carry a rope that pulls harder frame by frame, on vertical loads
     alone.
     """
@@ -225,7 +225,7 @@ def pulled(walk: Callable[..., Plan]) -> Plan:
     return replace(plan, problem=replace(course, wrench=wrench), forces_n=forces)
 
 
-def test_a_plan_carries_a_wrench_that_changes_from_frame_to_frame(pulled: Plan) -> None:
+def test_a_plan_carries_a_wrench_that_changes_from_frame_to_frame(pulled: Motion) -> None:
     report = check_plan(pulled)
     assert report.accepted, report.message
     assert report.figures["between"] < 1e-9

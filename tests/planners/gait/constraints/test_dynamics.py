@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.answer.trajectory import OFF_M, Trajectory
+from stancekit import Motion
+from stancekit.planners.answer.trajectory import OFF_M
 from stancekit.planners.gait.charts.warped import Ambient, euler, shear_rotation
 from stancekit.planners.gait.constraints.dynamics import (
     centred,
@@ -310,7 +311,7 @@ def program(chart: str = "decoupled") -> GaitProgram:
     return formulate(task, GaitSettings(chart=chart))
 
 
-def trajectory(x: np.ndarray, chart: str) -> Trajectory:
+def trajectory(x: np.ndarray, chart: str) -> Motion:
     at = sampled(program(chart).structure, x, np.linspace(0.0, 2.0, 401))
     walk, task = stepping(), program(chart).task
     return replace(
