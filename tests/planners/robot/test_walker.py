@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.robot.hulls import Polytope
-from stancekit.planners.robot.inverse_kinematics import Seeds
+from stancekit.planners.robot.inverse_kinematics import InverseKinematics
 from stancekit.planners.robot.model import Robot, hexapod
 from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
 from stancekit.planners.robot.robot_model import model_of
@@ -88,7 +88,9 @@ def test_toes_in_the_boxes_are_reached_whichever_way_the_ground_faces(walker: Ro
         normals = rng.normal(size=(1000, 3))
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         centres = toes + each.radius_m * normals + model.com_m
-        _, error = Seeds(each, each.random_angles(8000, rng)).solve(centres)
+        _, error = InverseKinematics([each], [each.random_angles(8000, rng)]).solve(
+            centres[:, None]
+        )
         assert np.mean(error > 1e-4) <= 0.006
         assert np.prod(foot.reach_max_m - foot.reach_min_m) > 0.002
 
