@@ -487,10 +487,10 @@ def model_of(
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
         model, found, held = _legs(root, text, shapes, named, contacts)
         text = ElementTree.tostring(root, encoding="unicode") if held else text
-        legs, indices, guessed, doubted, lacks = found
+        legs, guessed, doubted, lacks = found
         guesses = [*held, *guessed]
         standing_in = _mounts(model, legs, at_rest(model))
-        rounded, balls = with_balls(root, legs, shapes, standing_in, indices)
+        rounded, balls = with_balls(root, legs, shapes, standing_in)
         if balls:
             text, again = rounded, shapes_of(parsed(rounded, where), folder, packages)[0]
             shapes = with_same_hulls(again, shapes)
