@@ -33,7 +33,7 @@ from ..terrain.obstacles import Ground
 from ..terrain.patch import hull_of
 from .inverse_kinematics import WholeBody
 from .leg import FootSole, Leg, Mount
-from .meshes import Shape, shape_elements, shape_points, solid_shapes, surface_points
+from .meshes import Shape, link_points, shape_elements, shape_points, solid_shapes, surface_points
 
 Index = NDArray[np.intp]
 _ON_FACE_M = 1e-9
@@ -457,11 +457,7 @@ def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> 
     to its shape, or as the point at the end of the leg.
     """
     solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
-    corners = [
-        shape.origin_m + points @ shape.rotation.T
-        for shape in solid
-        if (points := shape_points(shape)) is not None
-    ]
+    corners = [points for points in map(link_points, solid) if points is not None]
     mount = mounts[leg.foot]
     middle, radius_m = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m), 0.0
     why = "the point at its end"

@@ -33,6 +33,30 @@ if TYPE_CHECKING:
     from scipy.spatial import HalfspaceIntersection
 
 
+def inscribed_ball(normals: Array, offsets_m: Array, radii_m: tuple[float, float]) -> Array | None:
+    """Centre and radius of a largest ball in half-spaces normals · p ≤ offsets (Chebyshev), shape
+    (4,) [m]; None where there is none.
+
+    Arguments:
+        radii_m: least and largest radius that is looked for.
+    """
+    import highspy  # as SciPy's linprog has it, which is slow to import
+
+    solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]
+    solver.setOptionValue("output_flag", False)
+    least, most = radii_m
+    solver.addVars(4, np.array([-np.inf] * 3 + [least]), np.array([np.inf] * 3 + [most]))
+    solver.changeColCost(3, -1.0)
+    for row, offset in zip(
+        np.column_stack([normals, np.ones(len(normals))]), offsets_m, strict=True
+    ):
+        solver.addRow(-np.inf, offset, 4, np.arange(4), row)
+    solver.run()
+    ball = np.array(solver.getSolution().col_value)
+    found = solver.getModelStatus() == highspy.HighsModelStatus.kOptimal and ball[3] > 0.0
+    return ball if found else None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polytope:
     """{p : normals p ≤ offsets}, bounded and with an inside.
@@ -57,24 +81,11 @@ class Polytope:
 
     @cached_property
     def largest_ball(self) -> Array:
-        """Centre and radius of the largest ball inside (Chebyshev), shape (4,) [m].
+        """Centre and radius of the largest ball inside, shape (4,) [m].
 
         Raises InvalidInput for none.
         """
-        import highspy  # as SciPy's linprog has it, which is slow to import
-
-        solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]
-        infinity = highspy.kHighsInf
-        solver.setOptionValue("output_flag", False)
-        solver.addVars(4, np.array([-infinity] * 3 + [0.0]), np.full(4, infinity))
-        solver.changeColCost(3, -1.0)
-        for row, offset in zip(
-            np.column_stack([self.normals, np.ones(len(self.normals))]), self.offsets_m, strict=True
-        ):
-            solver.addRow(-infinity, offset, 4, np.arange(4), row)
-        solver.run()
-        ball = np.array(solver.getSolution().col_value)
-        if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal or not ball[3] > 0.0:
+        if (ball := inscribed_ball(self.normals, self.offsets_m, (0.0, np.inf))) is None:
             raise InvalidInput("polytope: expected one that is bounded and has an inside")
         return ball
 
@@ -464,25 +475,10 @@ def _parts(whole: _Cell, axes: tuple[int, ...], most: int) -> list[_Cell]:
 
 def _behind(triangles: Array, axis: int, place: float, sign: float) -> Array:
     """Parts of triangles where sign · x ≤ sign · place, as triangles, shape (F, 3, 3)."""
-    height = sign * (triangles[:, :, axis] - place)
-    inside = height <= 0.0
-    count = inside.sum(axis=1)
-    pieces = [triangles[count == 3]]
-    for corners in (1, 2):
-        which = np.flatnonzero(count == corners)
-        if not len(which):
-            continue
-        apex = (inside[which] if corners == 1 else ~inside[which]).argmax(axis=1)
-        turn = (apex[:, None] + np.arange(3)) % 3
-        points = np.take_along_axis(triangles[which], turn[:, :, None], axis=1)
-        heights = np.take_along_axis(height[which], turn, axis=1)
-        share = heights[:, :1] / (
-            heights[:, :1] - heights[:, 1:]
-        )  # from the apex to where its sides are cut
-        met = points[:, :1] + share[:, :, None] * (points[:, 1:] - points[:, :1])
-        if corners == 1:
-            pieces.append(np.concatenate([points[:, :1], met], axis=1))
-        else:
-            pieces.append(np.concatenate([points[:, 1:], met[:, :1]], axis=1))
-            pieces.append(np.stack([points[:, 2], met[:, 1], met[:, 0]], axis=1))
-    return np.concatenate(pieces)
+    from trimesh.intersections import slice_faces_plane  # slow to import
+
+    sliced: Any = slice_faces_plane
+    inward, corners = -sign * np.eye(3)[axis], triangles.reshape(-1, 3)
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    vertices, faces, *_ = sliced(corners, faces, inward, place * np.eye(3)[axis])
+    return np.asarray(vertices[faces].reshape(-1, 3, 3))

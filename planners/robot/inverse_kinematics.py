@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .leg import Leg, levelled
+from .leg import Leg, levelled, vectors_of
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
@@ -159,13 +159,8 @@ def _tilts(leg: Leg, angles: Array, level: Array) -> tuple[Array, Array]:
     assert leg.sole is not None
     turns = leg.chain.frames(angles)[0]
     between = level @ np.swapaxes(turns[:, -1] @ leg.sole.rotation, 1, 2)
-    skew = 0.5 * (between - np.swapaxes(between, 1, 2))
-    vector = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-    sine = np.linalg.norm(vector, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0))
-    vector = vector * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0.0)[:, None]
     axes = np.einsum("knij,nj->kin", turns, leg.chain.axes) * ~leg.chain.slides
-    return leg.sole.radius_m * vector, leg.sole.radius_m * axes
+    return leg.sole.radius_m * vectors_of(between), leg.sole.radius_m * axes
 
 
 def stepped(

@@ -22,7 +22,7 @@ from .contacts import Fits, Touch, is_wheel, placed_shapes, sole_of, touch_of
 from .leg import FULL_TURN, Chain, FootContact, FootSole, Joint, Leg
 from .meshes import Shape
 from .plausibility import points_up
-from .urdf_reader import base_joint, matching, pinocchio
+from .urdf_reader import axes_of, base_joint, matching, pinocchio
 
 _LOW = 0.6
 """Share of the lowest chain's depth below the base: what goes lower is a leg."""
@@ -132,14 +132,8 @@ class _Tree:
         }
         self._base = base_joint(model)
         data = model.createData()
-        pin.computeJointJacobians(model, data, pin.neutral(model))
-        local = [
-            pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)
-            for j in range(model.njoints)
-        ]
-        self._twists = {
-            j: local[j][:, model.joints[j].idx_v] for j in range(self._base + 1, model.njoints)
-        }
+        pin.forwardKinematics(model, data, pin.neutral(model))
+        self._axes = axes_of(model)
         base = data.oMi[self._base]
         self._in_base = [base.actInv(data.oMi[j]) for j in range(model.njoints)]
 
@@ -386,20 +380,13 @@ class _Tree:
 
     def _chain(self, joints: Sequence[int], tip: Array) -> Chain:
         model = self._model
-        twists = [self._twists[j] for j in joints]
-        slides = np.array([np.linalg.norm(twist[3:]) < 0.5 for twist in twists])
         first = self._in_base[joints[0]]
         places = [first, *(model.jointPlacements[j] for j in joints[1:])]
         return Chain(
             rotations=np.array([place.rotation for place in places]),
             origins=np.array([place.translation for place in places]),
-            axes=np.array(
-                [
-                    twist[:3] if flat else twist[3:]
-                    for twist, flat in zip(twists, slides, strict=True)
-                ]
-            ),
-            slides=slides,
+            axes=np.array([self._axes[j][0] for j in joints]),
+            slides=np.array([self._axes[j][1] for j in joints]),
             tip_m=tip,
         )
 
@@ -411,7 +398,7 @@ class _Tree:
             float(model.lowerPositionLimit[column]),
             float(model.upperPositionLimit[column]),
         )
-        slides = bool(np.linalg.norm(self._twists[j][3:]) < 0.5)
+        slides = self._axes[j][1]
         if slides and not lower < upper:
             raise InvalidInput(
                 f"joint {shown(name)}: expected a lower limit below the upper one, got {lower:g}, "
@@ -446,7 +433,7 @@ class _Tree:
             for frame in self._bodies.values()
             if frame.parentJoint == number
         }
-        base, axis = self._in_base[number].rotation.T, self._twists[number][3:]
+        base, axis = self._in_base[number].rotation.T, self._axes[number][0]
         if contact is not None:
             centre, flat = tip + places[foot][0] @ contact.point_m, contact.sole_m
             sole = None if flat is None else FootSole(points_m=flat, rotation=base)

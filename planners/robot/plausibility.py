@@ -17,7 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from .leg import Leg, Mount
-from .meshes import Shape, pose_of, shape_points, unknown_shapes
+from .meshes import Shape, link_points, pose_of, shape_points, unknown_shapes
 from .urdf_reader import number_in
 
 _Doubt = tuple[str, str]
@@ -196,11 +196,8 @@ def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) ->
 
 def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -> float:
     """Extent of a link from its centre of mass; where it has no shape, as far as a leg [m]."""
-    points = [
-        shape.origin_m + corners @ shape.rotation.T
-        for shape in shapes
-        if shape.link == name and (corners := shape_points(shape)) is not None
-    ]
+    own = (link_points(shape) for shape in shapes if shape.link == name)
+    points = [each for each in own if each is not None]
     if not points:
         return reach_m
     return float(np.linalg.norm(np.vstack(points) - centre, axis=1).max())
@@ -220,17 +217,17 @@ def shapeless(root: Element, shapes: Sequence[Shape], mounts: Mapping[str, Mount
         name
         for name in heavy
         if mounts[name].leg is None
-        for place in [mounts[name].origin_m + mounts[name].rotation @ masses[name][1]]
+        for place in [mounts[name].placed(masses[name][1])]
         if not any(_within(shape, mounts[shape.link], place) for shape in solid)
     ]
 
 
 def _within(shape: Shape, mount: Mount, place: Array) -> bool:
     """Tell whether a place is in the box about a shape, or may be: a mesh that is not there."""
-    points = shape_points(shape)
+    points = link_points(shape)
     if points is None:
         return True
-    corners = mount.origin_m + (shape.origin_m + points @ shape.rotation.T) @ mount.rotation.T
+    corners = mount.placed(points)
     return bool(np.all((corners.min(axis=0) <= place) & (place <= corners.max(axis=0))))
 
 

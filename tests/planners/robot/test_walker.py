@@ -12,7 +12,7 @@ from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.robot.hulls import Polytope
 from stancekit.planners.robot.inverse_kinematics import InverseKinematics
 from stancekit.planners.robot.model import Robot, hexapod
-from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
+from stancekit.planners.robot.robot_file import drawn_urdf, named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import anymal, named_walker, walker_of
 from tests.refusals import refuses
@@ -140,7 +140,7 @@ ceiling_m: -0.1
 
 
 def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
-    (tmp_path / "six.urdf").write_text(hexapod_urdf(hexapod()))
+    (tmp_path / "six.urdf").write_text(drawn_urdf(hexapod()))
     (tmp_path / "six.yaml").write_text(
         "urdf: six.urdf\nfeet: [LF_foot, RF_foot, LR_foot, RR_foot]\ntrunk_half_m: [0.1, 0.1, 0.04]\n"
     )

@@ -16,7 +16,7 @@ from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinema
 from stancekit.planners.robot.leg import Chain, Joint, Leg
 from stancekit.planners.robot.outer_sets import directions_of, enclosing_ball, foot_cloud
 from stancekit.planners.robot.reach_sets import Workspace, workspace_of, workspaces_of
-from stancekit.planners.robot.robot_file import hexapod_model, hexapod_urdf
+from stancekit.planners.robot.robot_file import drawn_urdf, hexapod_model
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from tests.planners.robot.small_urdfs import HIPS, joint, leg, link, quadruped, robot
 from tests.refusals import refuses
@@ -29,7 +29,7 @@ Measured = tuple[RobotModel, tuple[Workspace, ...]]
 @pytest.fixture(scope="module", params=["hexapod", "quadruped"])
 def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Measured:
     limbs = hexapod().limbs[:2]
-    two = hexapod_urdf(replace(hexapod(), limbs=limbs))
+    two = drawn_urdf(replace(hexapod(), limbs=limbs))
     model = model_of(two) if request.param == "hexapod" else model_of(quadruped(("RF", "LH")))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STANCEKIT_CACHE", str(tmp_path_factory.mktemp("cache")))
