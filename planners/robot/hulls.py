@@ -475,10 +475,25 @@ def _parts(whole: _Cell, axes: tuple[int, ...], most: int) -> list[_Cell]:
 
 def _behind(triangles: Array, axis: int, place: float, sign: float) -> Array:
     """Parts of triangles where sign · x ≤ sign · place, as triangles, shape (F, 3, 3)."""
-    from trimesh.intersections import slice_faces_plane  # slow to import
-
-    sliced: Any = slice_faces_plane
-    inward, corners = -sign * np.eye(3)[axis], triangles.reshape(-1, 3)
-    faces = np.arange(len(corners)).reshape(-1, 3)
-    vertices, faces, *_ = sliced(corners, faces, inward, place * np.eye(3)[axis])
-    return np.asarray(vertices[faces].reshape(-1, 3, 3))
+    height = sign * (triangles[:, :, axis] - place)
+    inside = height <= 0.0
+    count = inside.sum(axis=1)
+    pieces = [triangles[count == 3]]
+    for corners in (1, 2):
+        which = np.flatnonzero(count == corners)
+        if not len(which):
+            continue
+        apex = (inside[which] if corners == 1 else ~inside[which]).argmax(axis=1)
+        turn = (apex[:, None] + np.arange(3)) % 3
+        points = np.take_along_axis(triangles[which], turn[:, :, None], axis=1)
+        heights = np.take_along_axis(height[which], turn, axis=1)
+        share = heights[:, :1] / (
+            heights[:, :1] - heights[:, 1:]
+        )  # from the apex to where its sides are cut
+        met = points[:, :1] + share[:, :, None] * (points[:, 1:] - points[:, :1])
+        if corners == 1:
+            pieces.append(np.concatenate([points[:, :1], met], axis=1))
+        else:
+            pieces.append(np.concatenate([points[:, 1:], met[:, :1]], axis=1))
+            pieces.append(np.stack([points[:, 2], met[:, 1], met[:, 0]], axis=1))
+    return np.concatenate(pieces)

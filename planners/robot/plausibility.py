@@ -68,18 +68,9 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
     inertial = link.find("inertial")
     if inertial is None:
         return 0.0, np.zeros(3), np.zeros(3)
-    try:
-        element = inertial.find("mass")
-        mass = 0.0 if element is None else float(element.get("value", "0"))
-        element = inertial.find("inertia")
-        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        entries = (
-            [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
-        )
-    except ValueError:
-        raise InvalidInput(
-            f"{where}: expected numbers for the mass and the moments of inertia, got something else"
-        ) from None
+    mass = number_in(inertial.find("mass"), "value", where)
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    entries = [number_in(inertial.find("inertia"), name, where) for name in names]
     if not np.isfinite([mass, *entries]).all():
         raise InvalidInput(
             f"{where}: expected a finite mass and finite moments of inertia, got something else"

@@ -9,7 +9,7 @@ joints from the base outward; pinocchio has an order of its own, by name, which 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -512,7 +512,9 @@ def model_of(
     doubts += [] if mjcf is None else mjcf.doubts_of(moved)
     doubts += [(f"joint {name}", why) for name, why in limit_doubts(root) if name in moved]
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
-    doubts += _speed_doubts(root, legs, moved)
+    doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
+    unsaid = f"no velocity limit, taken for {GUESSED_RAD_S:g} rad/s, not for leaps"
+    doubts += [(f"joint {name}", unsaid) for name in speed_doubts(root) if name in moved]
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     doubts += [*shape_doubts(root, legs, shapes, mounts), *unknown_doubts(root)]
     doubts += [(f"link {each}", "a shape of no size, which is left out") for each in empty]
@@ -533,15 +535,6 @@ def model_of(
     if not balls:
         vars(made).update(tree=root, built=model)
     return made
-
-
-def _speed_doubts(
-    root: Element, legs: Sequence[Leg], moved: Collection[str]
-) -> list[tuple[str, str]]:
-    """Doubts about joints that slide, and about those without a limit of their velocity."""
-    guessed = f"no velocity limit, taken for {GUESSED_RAD_S:g} rad/s, not for leaps"
-    slow = [(f"joint {name}", guessed) for name in speed_doubts(root) if name in moved]
-    return [*((f"joint {name}", text) for name, text in _sliding(legs)), *slow]
 
 
 def _legs(
