@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import cached_property
-from ..files.arrays import Array, cross, lengths, read_only
+from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Solid, Solids
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, stepped
@@ -93,10 +93,12 @@ class Kinematics:
         self._data, self._masses = self.known.createData(), self.known.createData()
         self._at = self._set = b""
         self._down = np.array([0.0, 0.0, -gravity_m_s2])
-        self._rest, self._rows, self.columns = self._places()
+        self._rest, rows, self.columns = self._places()
         self._q, self._centres = self._rest, np.zeros((len(legs), 3))
+        self._row, self._column = _slice_or(rows), _slice_or(self.columns)
         # pinocchio's own memory, which changes with each sweep: nothing is fetched anew
         self._spatial = self._data.J.T
+        self._feet_of, self._turning = _factors(self.legs, 3), 3 + _factors(self.columns, 6)[::-1]
         self._middles = [self._data.oMf[foot].translation for foot in self._feet]
         self._turns = [self._data.oMf[foot].rotation for foot in self._feet]
         soles = [leg.sole for leg in legs]
@@ -135,7 +137,7 @@ class Kinematics:
         if (key := angles.tobytes()) == self._set:
             return self._q
         q = self._rest.copy()
-        q[self._rows] = angles
+        q[self._row] = angles
         if len(self._circles):
             rows, joints = self._circles.T
             q[rows], q[rows + 1] = np.cos(angles[joints]), np.sin(angles[joints])
@@ -431,7 +433,7 @@ class Kinematics:
         weight = self._pin.computeGeneralizedGravity(
             self.known, self._masses, self._configured(angles)
         )
-        return np.array(weight[self.columns]), self.levers(angles) @ rotation.T
+        return np.array(weight[self._column]), self.levers(angles) @ rotation.T
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation
@@ -455,10 +457,10 @@ class Kinematics:
         """
         known, pin = self.known, self._pin
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
-        rates[self.columns], pushed[self.columns] = velocity, acceleration
+        rates[self._column], pushed[self._column] = velocity, acceleration
         known.gravity.linear = np.zeros(3)
         return np.array(
-            pin.rnea(known, self._masses, self._configured(angles), rates, pushed)[self.columns]
+            pin.rnea(known, self._masses, self._configured(angles), rates, pushed)[self._column]
         )
 
     def _placed(self, angles: Array) -> Array:
@@ -491,8 +493,8 @@ class Kinematics:
         (J, 3).
         """
         # velocity of what is at the origin, less p × ω
-        linear, angular = np.split(self._spatial[self.columns], 2, axis=1)
-        return np.asarray(linear - cross(self._centres[self.legs], angular))
+        parts = self._centres.take(self._feet_of) * self._spatial.take(self._turning)
+        return np.asarray(self._spatial[self._column, :3] - (parts[0] - parts[1]))
 
     def _jacobian(self) -> Array:
         """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N,
@@ -500,7 +502,7 @@ class Kinematics:
         """
         levers = self._levers()
         if self.soles:
-            axes = self._sole_radii[self.legs, None] * self._spatial[self.columns, 3:]
+            axes = self._sole_radii[self.legs, None] * self._spatial[self._column, 3:]
             levers = np.concatenate([levers, axes], axis=1)
         jacobian = np.zeros((len(self._feet), levers.shape[1], self._most))
         if self._even:
@@ -508,6 +510,20 @@ class Kinematics:
         else:
             jacobian[self.legs, :, self._nth] = levers
         return jacobian
+
+
+def _factors(rows: NDArray[np.int_], width: int) -> NDArray[np.int_]:
+    """Places of the first factors in the cross products of these rows of a table so wide, those
+    that are added and those that are taken off, shape (2, J, 3); of the second ones the other way
+    round.
+    """
+    return np.array([[1, 2, 0], [2, 0, 1]])[:, None] + width * rows[:, None]
+
+
+def _slice_or(numbers: NDArray[np.int_]) -> slice | NDArray[np.int_]:
+    """Numbers that follow each other as a slice, which is quicker; others as they are."""
+    follow = slice(int(numbers[0]), int(numbers[0]) + len(numbers))
+    return follow if np.array_equal(numbers, np.arange(follow.start, follow.stop)) else numbers
 
 
 LINKS = (0.54, 0.53)
