@@ -374,13 +374,15 @@ def _touching(leg: Leg, mount: Mount, shape: Shape) -> bool:
 
 def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, Mount]) -> list[int]:
     """For every shape the number of the leg whose foot it is, −1 for those that are none."""
-    ends = {f"{i} {len(leg.joints) - 1}": i for i, leg in enumerate(legs)}
+    ends: Mapping[tuple[int | None, int], int] = {
+        (i, len(leg.joints) - 1): i for i, leg in enumerate(legs)
+    }
     feet = []
     for shape in shapes:
         mount = mounts[shape.link]
-        leg = ends.get(f"{mount.leg} {mount.joint}", -1)
-        touches = leg >= 0 and shape.kind != "mesh" and _touching(legs[leg], mount, shape)
-        feet.append(leg if touches else -1)
+        limb = ends.get((mount.leg, mount.joint), -1)
+        touches = limb >= 0 and shape.kind != "mesh" and _touching(legs[limb], mount, shape)
+        feet.append(limb if touches else -1)
     return feet
 
 

@@ -353,14 +353,6 @@ class RobotModel:
         raise InvalidInput(f"leg: expected one of {', '.join(self.leg_names)}, got {shown(name)}")
 
     @property
-    def carried_nm(self) -> float:
-        """Torque that holds the robot's whole weight at the end of one leg [Nm]. Guesses of what its
-        drives can do are shares of it.
-        """
-        length_m = float(np.mean([leg.chain.length_m for leg in self.legs]))
-        return self.mass_kg * GRAVITY_M_S2 * length_m
-
-    @property
     def drive(self) -> tuple[float, float, float]:
         """Kp [Nm/rad], Kd [Nm s/rad] and the rotor's inertia behind the gears [kg m²] of every
         joint, where no file of actuators says them: the servo's where legs are drawn up, else those
@@ -371,8 +363,11 @@ class RobotModel:
         if self.servo is not None:
             return self.servo.stiffness_nm_rad, self.servo.damping_nms_rad, self.servo.rotor_kg_m2
         soles = any(leg.sole is not None for leg in self.legs)
-        stiffness = (_IN_SERIES if soles else 1.0) * _STIFFNESS * self.carried_nm
-        return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * self.carried_nm
+        # holds the robot's whole weight at the end of one leg
+        carried_nm = self.mass_kg * GRAVITY_M_S2
+        carried_nm *= float(np.mean([leg.chain.length_m for leg in self.legs]))
+        stiffness = (_IN_SERIES if soles else 1.0) * _STIFFNESS * carried_nm
+        return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * carried_nm
 
     @cached_property
     def rotors_kg_m2(self) -> Array:
