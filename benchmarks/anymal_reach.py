@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import tyro
 
-from stancekit.planners.robot.inverse_kinematics import Seeds
+from stancekit.planners.robot.inverse_kinematics import InverseKinematics
 from stancekit.planners.robot.robot_file import RobotKeys, model_of_keys
 from stancekit.planners.robot.urdf_reader import JointCorrection
 from stancekit.planners.robot.walker import anymal, walker_of
@@ -76,7 +76,7 @@ def main(urdf: tyro.conf.Positional[Path | None] = None, /) -> None:
             model.leg(name),
         )
         points = rng.uniform(file.reach_min_m, file.reach_max_m, (POINTS, 3)) + model.com_m
-        _, error = Seeds(leg, leg.random_angles(8000, rng)).solve(points)
+        _, error = InverseKinematics([leg], [leg.random_angles(8000, rng)]).solve(points[:, None])
         ours, theirs = (
             f"{each.reach_min_m.round(3)} {each.reach_max_m.round(3)}" for each in (foot, file)
         )

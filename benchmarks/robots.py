@@ -34,7 +34,7 @@ from _crossings import counts, line as crossing_line, robots as named, rows as c
 from _robot_step import REACHED_M, step_line, step_row
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot.inverse_kinematics import InverseKinematics, Seeds
+from stancekit.planners.robot.inverse_kinematics import InverseKinematics
 from stancekit.planners.robot.outer_sets import directions_of, foot_cloud
 from stancekit.planners.robot.reach_sets import Workspace, workspace_of
 from stancekit.planners.robot.robot_file import named_robot, provider_folder
@@ -193,14 +193,16 @@ def kinematics(
 ) -> dict[str, float]:
     """Share of feet that are reached, and milliseconds of a stance of all legs."""
     legs = model.legs[: len(workspaces)]
-    solver = InverseKinematics([Seeds(leg, leg.random_angles(8000, rng)) for leg in legs])
+    solver = InverseKinematics(legs, [leg.random_angles(8000, rng) for leg in legs])
     feet = np.stack([each.inner.sample(STANCES, rng) for each in workspaces], axis=1)
     started = time.process_time()
     found, error_m = solver.solve(feet)
     seconds = (time.process_time() - started) * len(model.legs) / len(legs)
-    for leg, angles in zip(legs, found, strict=True):
-        if np.any(angles < leg.lower_rad) or np.any(angles > leg.upper_rad):
-            raise RuntimeError(f"{model.name}: {leg.name}: limits are not kept")
+    lower, upper = (
+        np.concatenate([getattr(leg, end) for leg in legs]) for end in ("lower_rad", "upper_rad")
+    )
+    if np.any(found < lower) or np.any(found > upper):
+        raise RuntimeError(f"{model.name}: limits are not kept")
     return {"reached": float((error_m <= REACHED_M).mean()), "stance_ms": 1e3 * seconds / STANCES}
 
 

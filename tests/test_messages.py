@@ -23,7 +23,7 @@ import pytest
 import stancekit
 from stancekit.cli.main import main
 from stancekit.planners.errors import StancekitError
-from stancekit.planners.robot.robot_file import hexapod_urdf
+from stancekit.planners.robot.robot_file import drawn_urdf
 from stancekit.runner.settings import RunSettings, Timing
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 
@@ -60,7 +60,7 @@ def lay_out(folder: Path) -> dict[str, Any]:
         "nan.obj": OPEN,
         "open.urdf": '<robot name="open">',
         "bare.urdf": BARE,
-        "heavy.urdf": hexapod_urdf(stancekit.hexapod()).replace('mass value="', 'mass value="-', 1),
+        "heavy.urdf": drawn_urdf(stancekit.hexapod()).replace('mass value="', 'mass value="-', 1),
     }.items():
         (folder / name).write_text(text, encoding="utf-8")
     np.save(folder / "flat.npy", np.zeros((41, 41)))

@@ -38,7 +38,7 @@ HELD: dict[str, Size] = {
     "learners": (5262, 77750),
     "planners": (35063, 579214),
     "runner": (6632, 90891),
-    "views": (4311, 69522),
+    "views": (4314, 69511),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

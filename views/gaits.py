@@ -329,8 +329,8 @@ class GaitView(View):
             )
         if self.joints_rad is not None:
             return links.split(self.joints_rad[sample])
-        legs, _ = walk_joints(trajectory, slice(sample, sample + 1))
-        return [angles[0] for angles in legs]
+        angles, _ = walk_joints(trajectory, slice(sample, sample + 1))
+        return links.split(angles[0])
 
     def guess(self, now: Samples) -> list[Array]:
         """Hip, knee and toe of every leg; the knees' places are guessed, for the picture alone."""

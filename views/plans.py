@@ -23,7 +23,7 @@ from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.motion.plan_motion import key_sample, plan_motion, reached_s
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.passage import Passage
-from stancekit.planners.robot.inverse_kinematics import InverseKinematics, centres_of, seeds_of
+from stancekit.planners.robot.inverse_kinematics import InverseKinematics, centres_of
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
@@ -136,10 +136,10 @@ class View(ABC):
             return links.split(now.angles_rad)
         if links is not None:
             body = (now.com_m[None], turn[None], now.toes_m[None], now.normals[None])
-            solver, near = InverseKinematics(seeds_of(links.model.legs)), self.near_rad(now)
+            solver, near = InverseKinematics(links.model.legs), self.near_rad(now)
             start = solver.standing if near is None else near
-            legs, _ = solver.solve(centres_of(links.model, *body), near=start)
-            return [angles[0] for angles in legs]
+            angles, _ = solver.solve(centres_of(links.model, *body), near=start)
+            return links.split(angles[0])
         if now.angles_rad is not None and now.origin_m is not None and self._kinematics is not None:
             return list(now.origin_m + self._kinematics.chains(now.angles_rad) @ turn.T)
         return self.guess(now)

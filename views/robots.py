@@ -5,6 +5,7 @@ joints, and feet in the limbs' colours.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -14,6 +15,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull, QhullError
 
 from stancekit.planners.arguments import cached_property
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.inverse_kinematics import base_of
 from stancekit.planners.robot.meshes import Shape as FileShape, shape_points, thinned_mesh
@@ -188,10 +190,11 @@ def _mesh(shape: FileShape) -> Mesh | None:
     """One shape in its own frame, by its hull where its mesh is not at hand; None for what is flat
     or unknown.
     """
-    if shape.kind == "mesh":
-        mesh = None if shape.mesh is None else thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
-        if mesh is not None and len(mesh.faces):
-            return Mesh(mesh.vertices_m, mesh.faces)
+    if shape.mesh is not None:
+        with suppress(InvalidInput):
+            mesh = thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
+            if len(mesh.faces):
+                return Mesh(mesh.vertices_m, mesh.faces)
     try:
         points = shape_points(shape)
         return None if points is None else hull(points)

@@ -23,7 +23,6 @@ from ..robot.inverse_kinematics import (
     WholeBody,
     centres_of,
     descend_legs,
-    seeds_of,
 )
 from ..robot.kinematics import Kinematics
 from ..robot.leg import rotations_of
@@ -37,7 +36,7 @@ _WALK_ROUNDS = 6
 of it."""
 
 
-def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[list[Array], Array]:
+def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[Array, Array]:
     """Angles at every sample, or some, each found from the standing posture, and errors of the feet,
     as ``InverseKinematics.solve`` has them; feet face the ground below them, also in the air.
 
@@ -49,7 +48,7 @@ def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[l
         trajectory.rotation[samples],
         trajectory.feet_m[samples],
     )
-    legs = InverseKinematics(seeds_of(model.legs))
+    legs = InverseKinematics(model.legs)
     return legs.solve(centres_of(model, torso, rotation, feet, normals), near=legs.standing)
 
 
@@ -60,7 +59,7 @@ class MovingBody:
 
     def __init__(self, model: RobotModel) -> None:
         self.model, self.kinematics = model, Kinematics(robot_of(model))
-        self._solver = InverseKinematics(seeds_of(model.legs))
+        self._solver = InverseKinematics(model.legs)
 
     def postures(
         self,
@@ -98,8 +97,7 @@ class MovingBody:
                 angles, _ = descend_legs(self.model.legs, feet, angles, steps=steps)
             else:
                 start = self._solver.standing if angles is None else angles
-                legs, _ = self._solver.solve(feet, near=start)
-                angles = np.concatenate(legs, axis=1)
+                angles, _ = self._solver.solve(feet, near=start)
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
         assert angles is not None
         return WholeBody(

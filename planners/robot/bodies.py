@@ -22,7 +22,7 @@ from ..terrain.patch import Solid
 from .contacts import Bounds, Index, LinksInGround, balls_apart, boxes_apart, feet_of, off_solids
 from .inverse_kinematics import Near, Overlap, WholeBody
 from .kinematics import Kinematics
-from .leg import Mount, between_rotations
+from .leg import between_rotations
 from .meshes import Shape, shape_points, solid_shapes, unknown_shapes
 from .plausibility import shapeless
 from .robot_model import RobotModel
@@ -84,7 +84,12 @@ class Bodies:
         joints = [known.frames[known.getFrameId(link, body)].parentJoint for link in self.links]
         mounts = [kinematics.model.mounts[link] for link in self.links]
         self._carriers = np.array([kinematics.carrier(mount) for mount in mounts], dtype=int)
-        self._turns, self._origins = _on_carriers(mounts, [shape for shape, _ in shapes])
+        on = [(mount, shape) for mount, (shape, _) in zip(mounts, shapes, strict=True)]
+        turns = [mount.rotation @ shape.rotation for mount, shape in on]
+        self._turns = np.array(turns).reshape(-1, 3, 3)
+        self._origins = np.array([mount.placed(shape.origin_m) for mount, shape in on]).reshape(
+            -1, 3
+        )
         self._geometry = [self._made(shape, points) for shape, points in shapes]
         self._parts = {
             k: _parts_of([(self._hull(part), part) for part in shape.parts_m])
@@ -103,7 +108,9 @@ class Bodies:
             + np.where(self._balls, 0.0, 1.0)[:, None, None] * _SIDES * self._halves[:, None]
         )
         solids = [solid for _, solid in terrain.convex]
-        self._solids = [self._hull(solid.corners) for solid in solids]
+        # bodies by number: the shapes of links, then the parts of the terrain
+        self._geometry += [self._hull(solid.corners) for solid in solids]
+        self._names = [*self.links, *(name for name, _ in terrain.convex)]
         spans = [(solid.corners.min(axis=0), solid.corners.max(axis=0)) for solid in solids]
         self._spans = np.array(spans).reshape(-1, 2, 3)
         self._faces = _faces(solids)
@@ -191,7 +198,7 @@ class Bodies:
             measurements = [
                 (t, on, k, near)
                 for on, pairs in enumerate((links, parts))
-                for t, k, near in self._measured_near(world, *pairs, within_m, terrain=bool(on))
+                for t, k, near in self._measured_near(world, *pairs, within_m)
             ]
             result += [
                 (begin + t, near)
@@ -277,12 +284,11 @@ class Bodies:
                 in_world,
             ),
         )
-        for on, (where, (pairs, bounds), limits_m, way) in enumerate(kinds):
-            names = [name for name, _ in self._terrain.convex] if on else self.links
+        for where, (pairs, bounds), limits_m, way in kinds:
             for t, k, depth_m in self._deep(
-                where, pairs, bounds, limits_m, way if between else None, terrain=bool(on)
+                where, pairs, bounds, limits_m, way if between else None
             ):
-                yield t, (depth_m, self.links[pairs[k, 0]], names[pairs[k, 1]])
+                yield t, (depth_m, self._names[pairs[k, 0]], self._names[pairs[k, 1]])
         yield from self._below(bodies, world, terrain_m)
 
     def _links_apart(
@@ -312,8 +318,8 @@ class Bodies:
     def _off_terrain(
         self, world: tuple[Array, Array], limit_m: float, *, between: bool = False
     ) -> tuple[NDArray[np.int_], Bounds]:
-        """Shapes and parts of the terrain of which some may be nearer than that, shape (K, 2), by
-        part; and what boxes and balls say of their distances.
+        """Pairs of shapes and parts of the terrain of which some may be nearer than that, shape (K,
+        2), by part; and what boxes and balls say of their distances.
         """
         middles, ways = self._middle(world), self._ways(world)
         reach = (np.abs(world[0]) @ self._halves[:, :, None])[..., 0]
@@ -344,7 +350,7 @@ class Bodies:
                 np.where(ball & over, off, np.maximum(least[t, k], off)),
                 ball & over,
             )
-        return pairs, bounds
+        return np.column_stack([shape, len(self.links) + part]), bounds
 
     def _deep(
         self,
@@ -353,8 +359,6 @@ class Bodies:
         bounds: Bounds,
         limits_m: tuple[float, float],
         between: Callable[[Index, Array], tuple[Array, Array]] | None,
-        *,
-        terrain: bool,
     ) -> Iterator[tuple[float, int, float]]:
         """Find the pairs that are deeper than that, at which moments and, where that is known,
         where between two; and how deep.
@@ -365,7 +369,7 @@ class Bodies:
         """
         deep_m, on_way_m = limits_m[0], max(limits_m)
 
-        numbers, apart_m = pairs.tolist(), self._distances(placed, terrain=terrain)
+        numbers, apart_m = pairs.tolist(), self._distances(placed)
 
         def measure(t: int, k: int) -> float:
             return apart_m(t, *numbers[k])
@@ -383,7 +387,7 @@ class Bodies:
             np.tile([0.0, 1.0], (len(t), 1)),
             np.stack([least[t, k], least[t + 1, k]], axis=1),
         )
-        moving = pairs[:, :1] if terrain else pairs
+        moving = pairs if np.all(pairs < len(self.links)) else pairs[:, :1]
         ends = [self._corners_of(between(t, share[:, end]), moving[k]) for end in range(2)]
         while len(t):  # every round halves the ways that the distances at their ends leave open
             gone = np.sqrt(np.square(ends[1] - ends[0]).sum(axis=3).max(axis=2)).sum(axis=1) * _ARCS
@@ -401,7 +405,7 @@ class Bodies:
             )
             middle, left = share.mean(axis=1), np.arange(len(t))
             halfway = between(t, middle)
-            apart_m = self._distances(halfway, terrain=terrain)
+            apart_m = self._distances(halfway)
             distances = np.array([apart_m(n, *numbers[k[n]]) for n in left.tolist()])
             deep = np.flatnonzero(distances < -on_way_m)
             yield from zip(
@@ -458,12 +462,10 @@ class Bodies:
         pairs: NDArray[np.int_],
         bounds: Bounds,
         within_m: float,
-        *,
-        terrain: bool,
     ) -> list[tuple[int, int, Near]]:
         """Pairs that are nearer, as moment, pair and distance."""
         result = list[tuple[int, int, Near]]()
-        numbers, apart_m = pairs.tolist(), self._distances(world, terrain=terrain)
+        numbers, apart_m = pairs.tolist(), self._distances(world)
 
         def measure(t: int, k: int) -> float:
             i, j = numbers[k]
@@ -472,11 +474,10 @@ class Bodies:
                 points = np.array(
                     [self._result.getNearestPoint1(), self._result.getNearestPoint2()]
                 )
-                name = self._terrain.convex[j][0] if terrain else self.links[j]
                 near = Near(
                     shape=i,
-                    other=-1 if terrain else j,
-                    name=name,
+                    other=j if j < len(self.links) else -1,
+                    name=self._names[j],
                     distance_m=distance,
                     points_m=points,
                     normal=-np.array(self._result.normal),
@@ -496,7 +497,7 @@ class Bodies:
         """
         standing = np.zeros((len(bodies), len(pairs)), dtype=bool)
         for k, (shape, part) in enumerate(pairs.tolist()):
-            limb, solid = self._foot[shape], self._terrain.convex[part][1]
+            limb, solid = self._foot[shape], self._terrain.convex[part - len(self.links)][1]
             if limb >= 0:
                 along = bodies.normals[:, limb] @ solid.normals.T > _ALIGNED
                 heights = bodies.toes_m[:, limb] @ solid.normals.T - solid.offsets_m
@@ -523,11 +524,9 @@ class Bodies:
         ]
         return tuple(dict.fromkeys((one, other) for one, other in named))
 
-    def _distances(
-        self, placed: tuple[Array, Array], *, terrain: bool = False
-    ) -> Callable[[int, int, int], float]:
-        """The function of a moment, a shape and another one, or a part of the terrain, that
-        measures how far they are apart, negative where one is inside the other [m].
+    def _distances(self, placed: tuple[Array, Array]) -> Callable[[int, int, int], float]:
+        """The function of a moment and two bodies that measures how far they are apart, negative
+        where one is inside the other [m].
 
         Arguments:
             placed: R and p of the S shapes at T moments, shapes (T, S, 3, 3) and (T, S, 3) [m].
@@ -536,14 +535,15 @@ class Bodies:
         made = dict[tuple[int, int], Any]()
 
         def at(t: int, shape: int) -> Any:
+            if shape >= len(self.links):
+                return self._here
             if (result := made.get((t, shape))) is None:
                 result = made[t, shape] = transform(turns[t, shape], origins[t, shape])
             return result
 
         def apart(t: int, shape: int, other: int) -> float:
-            there = self._here if terrain else at(t, other)
             pose = turns[t], origins[t]
-            return self._distance(pose, (at(t, shape), there), shape, other, terrain=terrain)
+            return self._distance(pose, (at(t, shape), at(t, other)), shape, other)
 
         return apart
 
@@ -553,10 +553,8 @@ class Bodies:
         transforms: tuple[Any, Any],
         shape: int,
         other: int,
-        *,
-        terrain: bool,
     ) -> float:
-        """Between a shape and another one, or a part of the terrain.
+        """Between two bodies.
 
         Arguments:
             placed: R and p of the S shapes at one moment.
@@ -567,20 +565,18 @@ class Bodies:
             self._result.clear()
             return float(self._coal.distance(one, here, two, there, self._request, self._result))
 
-        whole = self._solids[other] if terrain else self._geometry[other]
-        apart_m = between(self._geometry[shape], whole)
-        divided = shape in self._parts, not terrain and other in self._parts
-        if apart_m >= _PARTS_M or not any(divided):
+        apart_m = between(self._geometry[shape], self._geometry[other])
+        if apart_m >= _PARTS_M or not {shape, other} & self._parts.keys():
             return apart_m
 
-        def in_parts(of: int, whole: Any, divided: bool) -> tuple[tuple[Any, ...], Array, Array]:
-            if not divided:  # one that has none may be anywhere
-                return (whole,), np.zeros((1, 3)), np.array([np.inf])
+        def in_parts(of: int) -> tuple[tuple[Any, ...], Array, Array]:
+            if of not in self._parts:  # one that has none may be anywhere
+                return (self._geometry[of],), np.zeros((1, 3)), np.array([np.inf])
             geometry, middles, radii = self._parts[of]
             return geometry, middles @ turns[of].T + origins[of], radii
 
-        parts, middles, radii = in_parts(shape, self._geometry[shape], divided[0])
-        others, their_middles, their_radii = in_parts(other, whole, divided[1])
+        parts, middles, radii = in_parts(shape)
+        others, their_middles, their_radii = in_parts(other)
         apart = np.linalg.norm(middles[:, None] - their_middles, axis=2)
         far_m = apart - radii[:, None] - their_radii
         least, best, last = np.inf, (0, 0), (0, 0)
@@ -637,16 +633,6 @@ def _faces(solids: Sequence[Solid]) -> list[tuple[NDArray[np.int_], Array, Array
         )
         for parts in (np.flatnonzero(counts == count) for count in sorted(set(counts.tolist())))
     ]
-
-
-def _on_carriers(mounts: Sequence[Mount], shapes: Sequence[Shape]) -> tuple[Array, Array]:
-    """Places of shapes on the bodies that carry their links, shapes (S, 3, 3) and (S, 3) [m]."""
-    turns = [mount.rotation @ shape.rotation for mount, shape in zip(mounts, shapes, strict=True)]
-    origins = [
-        mount.origin_m + mount.rotation @ shape.origin_m
-        for mount, shape in zip(mounts, shapes, strict=True)
-    ]
-    return np.array(turns).reshape(-1, 3, 3), np.array(origins).reshape(-1, 3)
 
 
 def _spread(count: int, dimension: int) -> Array:

@@ -33,7 +33,7 @@ from ..terrain.obstacles import Ground
 from ..terrain.patch import hull_of
 from .inverse_kinematics import WholeBody
 from .leg import FootSole, Leg, Mount
-from .meshes import Shape, shape_elements, shape_points, solid_shapes, surface_points
+from .meshes import Shape, link_points, shape_elements, shape_points, solid_shapes, surface_points
 
 Index = NDArray[np.intp]
 _ON_FACE_M = 1e-9
@@ -165,29 +165,14 @@ _SAME_M = 1e-6
 """A shape is the one that touches if its centre and its radius are within this of the leg's."""
 
 
-_Placed = tuple[int, Shape, tuple[Array, Array], tuple[tuple[Array, float], ...]]
-"""A shape of a leg's last body: its number among the robot's, itself, its rotation and origin in the
-last joint's frame, shapes (3, 3), (3,) [m], and centre, shape (3,), and radius [m] of every ball that
-it is, or ends in."""
+_Placed = tuple[Shape, tuple[Array, Array], tuple[tuple[Array, float], ...]]
+"""A shape of a leg's last body, its rotation and origin in the last joint's frame, shapes (3, 3),
+(3,) [m], and centre, shape (3,), and radius [m] of every ball that it is, or ends in."""
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Touch:
-    """Shape that touches: a ball of radius_m about centre_m in the last joint's frame, shape (3,)
-    [m], on a link.
-
-    Arguments:
-        index: the number of its shape.
-        doubt: why it is unknown, in which case the rest is that of a point at the farthest end.
-    """
-
-    link: str
-    centre_m: Array
-    radius_m: float
-    index: int
-    doubt: str = ""
-
-
+Touch = tuple[str, Array, float, str]
+"""What touches: a link, with a ball about a centre in the last joint's frame, shape (3,) [m], its
+radius [m]; and why it is unknown, in which case the rest is that of a point at the farthest end."""
 Fits = dict[bytes, tuple[Array, float] | None]
 """``fitted_ball`` of hulls by their corners, each tried once."""
 
@@ -200,11 +185,10 @@ def placed_shapes(
     Arguments:
         places: rotation and origin of every link of the body in the last joint's frame, by name.
     """
-    bodies = {id(shape) for shape in solid_shapes(shapes)}
     return [
-        (i, shape, pose, _balls(shape, *pose, fits))
-        for i, shape in enumerate(shapes)
-        if shape.link in places and id(shape) in bodies
+        (shape, pose, _balls(shape, *pose, fits))
+        for shape in solid_shapes(shapes)
+        if shape.link in places
         for turn, place in [places[shape.link]]
         for pose in [(turn @ shape.rotation, place + turn @ shape.origin_m)]
     ]
@@ -215,26 +199,15 @@ def touch_of(pieces: Sequence[_Placed]) -> Touch | None:
     shapes.
     """
     balls, others = list[tuple[float, Touch]](), list[tuple[float, Touch]]()
-    unread = [shape for _, shape, *_ in pieces if shape.kind == "mesh" and shape.corners_m is None]
-    for index, shape, pose, ends in pieces:
+    unread = [shape for shape, *_ in pieces if shape.kind == "mesh" and shape.corners_m is None]
+    for shape, pose, ends in pieces:
         for centre, radius_m in ends:
-            touch = Touch(link=shape.link, centre_m=centre, radius_m=radius_m, index=index)
-            balls.append((float(np.linalg.norm(centre)) + radius_m, touch))
+            far_m = float(np.linalg.norm(centre)) + radius_m
+            balls.append((far_m, (shape.link, centre, radius_m, "")))
         if not ends and (points := shape_points(shape)) is not None:
-            far = np.linalg.norm(pose[1] + points @ pose[0].T, axis=1)
+            far_m = float(np.linalg.norm(pose[1] + points @ pose[0].T, axis=1).max())
             text = f"touches with a {shape.kind}: say with which point or ball, in a YAML file's contacts:"
-            others.append(
-                (
-                    float(far.max()),
-                    Touch(
-                        link=shape.link,
-                        centre_m=_farthest(shape, *pose),
-                        radius_m=0.0,
-                        index=index,
-                        doubt=text,
-                    ),
-                )
-            )
+            others.append((far_m, (shape.link, _farthest(shape, *pose), 0.0, text)))
     ball = max(balls, key=lambda each: each[0], default=None)
     other = max(others, key=lambda each: each[0], default=None)
     if ball is not None and (other is None or other[0] <= ball[0] + _FARTHER_M):
@@ -243,7 +216,7 @@ def touch_of(pieces: Sequence[_Placed]) -> Touch | None:
         return other[1]
     if unread:
         text = "touches with a mesh that cannot be had: say with which point or ball, in a YAML file's contacts:"
-        return Touch(link=unread[0].link, centre_m=np.zeros(3), radius_m=0.0, index=-1, doubt=text)
+        return unread[0].link, np.zeros(3), 0.0, text
     return None
 
 
@@ -268,7 +241,7 @@ def sole_of(pieces: Sequence[_Placed], base: Array) -> tuple[FootSole, Array, st
     from scipy.spatial import ConvexHull  # slow to import
 
     clouds, owners = [np.zeros((0, 3))], list[str]()
-    for _, shape, (rotation, origin_m), balls in pieces:
+    for shape, (rotation, origin_m), balls in pieces:
         ends = [centre - radius_m * base[:, 2] for centre, radius_m in balls]
         if not ends and (corners := shape_points(shape)) is not None:
             ends = list(origin_m + corners @ rotation.T)
@@ -330,7 +303,7 @@ def is_wheel(pieces: Sequence[_Placed], axis: Array, up: Array) -> bool:
     if abs(float(axis @ up)) > _WHEEL:
         return False
     ends = [np.zeros((0, 3))]
-    for _, shape, (rotation, origin_m), _ in pieces:
+    for shape, (rotation, origin_m), _ in pieces:
         if (corners := shape_points(shape)) is not None:
             ends.append(origin_m + corners @ rotation.T)
     points = np.vstack(ends)
@@ -387,34 +360,29 @@ def _round(points_m: Array, middle_m: Array, radius_m: float, outward: Array | N
     return bool(ends.min() >= radius_m - min(_ROUND * radius_m, _OFF_BALL_M))
 
 
-def _touching(leg: Leg, mounts: Mapping[str, Mount], shape: Shape) -> bool:
-    """Tell whether a leg's foot is this shape: a ball, or a capsule with its end, at the leg's own
-    end.
+def _touching(leg: Leg, mount: Mount, shape: Shape) -> bool:
+    """Tell whether a leg's foot is this shape: a ball, a mesh of one, or a capsule with its end, at
+    the leg's own end.
     """
-    mount = mounts[shape.link]
-    if (
-        shape.kind not in ("sphere", "capsule")
-        or abs(float(shape.size_m[0]) - leg.radius_m) > _SAME_M
-    ):
-        return False
-    balls = _balls(
-        shape, mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m, {}
+    pose = mount.rotation @ shape.rotation, mount.origin_m + mount.rotation @ shape.origin_m
+    return any(
+        abs(radius_m - leg.radius_m) <= _SAME_M
+        and float(np.linalg.norm(centre - leg.chain.tip_m)) < _SAME_M
+        for centre, radius_m in _balls(shape, *pose, {})
     )
-    return any(float(np.linalg.norm(centre - leg.chain.tip_m)) < _SAME_M for centre, _ in balls)
 
 
 def feet_of(shapes: Sequence[Shape], legs: Sequence[Leg], mounts: Mapping[str, Mount]) -> list[int]:
     """For every shape the number of the leg whose foot it is, −1 for those that are none."""
-    ends = {(i, len(leg.joints) - 1): leg for i, leg in enumerate(legs)}
+    ends: Mapping[tuple[int | None, int], int] = {
+        (i, len(leg.joints) - 1): i for i, leg in enumerate(legs)
+    }
     feet = []
     for shape in shapes:
         mount = mounts[shape.link]
-        leg = None if mount.leg is None else ends.get((mount.leg, mount.joint))
-        feet.append(
-            mount.leg
-            if mount.leg is not None and leg is not None and _touching(leg, mounts, shape)
-            else -1
-        )
+        limb = ends.get((mount.leg, mount.joint), -1)
+        touches = limb >= 0 and shape.kind != "mesh" and _touching(legs[limb], mount, shape)
+        feet.append(limb if touches else -1)
     return feet
 
 
@@ -423,29 +391,27 @@ def with_balls(
     legs: Sequence[Leg],
     shapes: Sequence[Shape],
     mounts: Mapping[str, Mount],
-    indices: Sequence[int],
 ) -> tuple[str, tuple[str, ...]]:
     """The URDF with a sphere added for every foot that is a ball and has no sphere in the file, and
     the links that got one.
 
     The sphere replaces the mesh that shows the ball. Where a person said what touches the ground,
     it stands beside the other shapes. The text is empty where nothing changes.
-
-    Arguments:
-        indices: for every leg the number of the shape that touches, −1 for none.
     """
-    elements, links = (
-        shape_elements(root),
-        {link.get("name", ""): link for link in root.findall("link")},
-    )
-    changed = list[str]()
-    for leg, index in zip(legs, indices, strict=True):
-        if leg.radius_m <= 0.0 or any(
-            _touching(leg, mounts, shape) for shape in shapes if shape.link == leg.foot
-        ):
-            continue
+    elements = [element for _, element, _ in shape_elements(root)]
+    links = {link.get("name", ""): link for link in root.findall("link")}
+    bodies, changed = {id(shape) for shape in solid_shapes(shapes)}, list[str]()
+    for leg in legs:
         link, mount = links[leg.foot], mounts[leg.foot]
-        gone = None if leg.contact is not None or index < 0 else elements[index][1]
+        touching = [
+            (shape, element)
+            for shape, element in zip(shapes, elements, strict=True)
+            if leg.radius_m > 0.0 and shape.link == leg.foot and _touching(leg, mount, shape)
+        ]
+        if leg.radius_m <= 0.0 or any(shape.kind != "mesh" for shape, _ in touching):
+            continue
+        meshes = [element for shape, element in touching if id(shape) in bodies]
+        gone = meshes[0] if meshes and leg.contact is None else None
         if link.find("collision") is None:  # what it looks like is its body, and stays so
             for visual in link.findall("visual"):
                 if visual is not gone:
@@ -493,11 +459,7 @@ def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> 
     to its shape, or as the point at the end of the leg.
     """
     solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
-    corners = [
-        shape.origin_m + points @ shape.rotation.T
-        for shape in solid
-        if (points := shape_points(shape)) is not None
-    ]
+    corners = [points for points in map(link_points, solid) if points is not None]
     mount = mounts[leg.foot]
     middle, radius_m = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m), 0.0
     why = "the point at its end"

@@ -33,6 +33,30 @@ if TYPE_CHECKING:
     from scipy.spatial import HalfspaceIntersection
 
 
+def inscribed_ball(normals: Array, offsets_m: Array, radii_m: tuple[float, float]) -> Array | None:
+    """Centre and radius of a largest ball in half-spaces normals · p ≤ offsets (Chebyshev), shape
+    (4,) [m]; None where there is none.
+
+    Arguments:
+        radii_m: least and largest radius that is looked for.
+    """
+    import highspy  # as SciPy's linprog has it, which is slow to import
+
+    solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]
+    solver.setOptionValue("output_flag", False)
+    least, most = radii_m
+    solver.addVars(4, np.array([-np.inf] * 3 + [least]), np.array([np.inf] * 3 + [most]))
+    solver.changeColCost(3, -1.0)
+    for row, offset in zip(
+        np.column_stack([normals, np.ones(len(normals))]), offsets_m, strict=True
+    ):
+        solver.addRow(-np.inf, offset, 4, np.arange(4), row)
+    solver.run()
+    ball = np.array(solver.getSolution().col_value)
+    found = solver.getModelStatus() == highspy.HighsModelStatus.kOptimal and ball[3] > 0.0
+    return ball if found else None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Polytope:
     """{p : normals p ≤ offsets}, bounded and with an inside.
@@ -57,24 +81,11 @@ class Polytope:
 
     @cached_property
     def largest_ball(self) -> Array:
-        """Centre and radius of the largest ball inside (Chebyshev), shape (4,) [m].
+        """Centre and radius of the largest ball inside, shape (4,) [m].
 
         Raises InvalidInput for none.
         """
-        import highspy  # as SciPy's linprog has it, which is slow to import
-
-        solver: Any = highspy.Highs()  # type: ignore[no-untyped-call]
-        infinity = highspy.kHighsInf
-        solver.setOptionValue("output_flag", False)
-        solver.addVars(4, np.array([-infinity] * 3 + [0.0]), np.full(4, infinity))
-        solver.changeColCost(3, -1.0)
-        for row, offset in zip(
-            np.column_stack([self.normals, np.ones(len(self.normals))]), self.offsets_m, strict=True
-        ):
-            solver.addRow(-infinity, offset, 4, np.arange(4), row)
-        solver.run()
-        ball = np.array(solver.getSolution().col_value)
-        if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal or not ball[3] > 0.0:
+        if (ball := inscribed_ball(self.normals, self.offsets_m, (0.0, np.inf))) is None:
             raise InvalidInput("polytope: expected one that is bounded and has an inside")
         return ball
 

@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .leg import Leg, levelled
+from .leg import Leg, levelled, vectors_of
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
@@ -160,13 +159,8 @@ def _tilts(leg: Leg, angles: Array, level: Array) -> tuple[Array, Array]:
     assert leg.sole is not None
     turns = leg.chain.frames(angles)[0]
     between = level @ np.swapaxes(turns[:, -1] @ leg.sole.rotation, 1, 2)
-    skew = 0.5 * (between - np.swapaxes(between, 1, 2))
-    vector = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-    sine = np.linalg.norm(vector, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0))
-    vector = vector * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0.0)[:, None]
     axes = np.einsum("knij,nj->kin", turns, leg.chain.axes) * ~leg.chain.slides
-    return leg.sole.radius_m * vector, leg.sole.radius_m * axes
+    return leg.sole.radius_m * vectors_of(between), leg.sole.radius_m * axes
 
 
 def stepped(
@@ -238,65 +232,6 @@ def descend_legs(
     return np.concatenate([q for q, _ in parts], axis=1), np.stack([e for _, e in parts], axis=1)
 
 
-class Seeds:
-    """Postures of one leg to start from: those whose feet are nearest to a target."""
-
-    def __init__(self, leg: Leg, angles: Array, *, tries: int = _TRIES) -> None:
-        """Seeds for one leg.
-
-        Arguments:
-            angles: postures all over the workspace, shape (K, n).
-        """
-        self.leg, self.angles, self.tries = leg, angles, min(tries, len(angles))
-
-    @cached_property
-    def _tree(self) -> Any:
-        """Tree of the postures' feet; made for the first foot that no near posture brings to its
-        target.
-        """
-        from scipy.spatial import cKDTree  # slow to import
-
-        return cKDTree(self.leg.chain.feet(self.angles), balanced_tree=False, compact_nodes=False)
-
-    def solve(
-        self,
-        feet: ArrayLike,
-        near: ArrayLike | None = None,
-        up: ArrayLike = (0.0, 0.0, 1.0),
-    ) -> tuple[Array, Array]:
-        """Angles, shape (K, n), and errors, shape (K,) [m], of feet p_BF of shape (K, 3) [m].
-
-        Arguments:
-            near: postures to stay close to, shape (K, n); tried first, and seeds only where they do
-                not get there.
-            up: as for ``descend``.
-        """
-        target = np.asarray(feet, dtype=np.float64)
-        best, error = np.zeros((len(target), self.leg.chain.joints)), np.full(len(target), np.inf)
-        up = np.broadcast_to(up, target.shape)
-        if near is not None:
-            best, error = descend(self.leg, target, near, up)
-        missed = np.flatnonzero(error > REACHED_M)
-        if not len(missed):
-            return best, error
-        nearest = np.asarray(self._tree.query(target[missed], k=np.arange(1, self.tries + 1))[1])
-        for start in self.angles[nearest.T]:
-            left = np.flatnonzero(error[missed] > REACHED_M)
-            if not len(left):
-                break
-            at = missed[left]
-            again, far = descend(self.leg, target[at], start[left], up[at])
-            closer = far < error[at]
-            best[at[closer]], error[at[closer]] = again[closer], far[closer]
-        return best, error
-
-
-def seeds_of(legs: Sequence[Leg]) -> list[Seeds]:
-    """Seeds all over the workspace of every leg, always the same."""
-    rng = np.random.default_rng(0)
-    return [Seeds(leg, starts_of(leg, _SAMPLES, rng)) for leg in legs]
-
-
 _ABOUT_RAD, _FEWER = 0.3, 16
 """Deviation of a sole's seeds from where it stands, and how many fewer there are: others are level
 nowhere near."""
@@ -319,14 +254,20 @@ class InverseKinematics:
     Not for use by several threads at once.
     """
 
-    def __init__(self, seeds: Sequence[Seeds]) -> None:
+    def __init__(
+        self, legs: Sequence[Leg], seeds: Sequence[Array] | None = None, *, tries: int = _TRIES
+    ) -> None:
         """The solver of a robot.
 
         Arguments:
-            seeds: seeds of every leg, in the robot's order.
+            seeds: postures to start from, of every leg, shape (S, n) [rad]; None for the same ones
+                all over its workspace each time.
+            tries: seeds that are tried for a foot, the nearest first.
         """
-        self.legs = tuple(seeds)
-        self.standing = np.concatenate([seed.leg.stance_rad for seed in seeds])
+        rng = np.random.default_rng(0)
+        self.legs, self._tries, self._trees = tuple(legs), tries, dict[int, Any]()
+        self._seeds = seeds or [starts_of(leg, _SAMPLES, rng) for leg in legs]
+        self.standing = np.concatenate([leg.stance_rad for leg in legs])
 
     def solve(
         self,
@@ -334,14 +275,15 @@ class InverseKinematics:
         *,
         near: ArrayLike | None = None,
         up: ArrayLike = (0.0, 0.0, 1.0),
-    ) -> tuple[list[Array], Array]:
-        """Angles for feet in the base's frame, shape (K, N, 3) [m]: one array per leg, shape (K, n)
+    ) -> tuple[Array, Array]:
+        """Angles for feet in the base's frame, shape (K, N, 3) [m]: of all joints, shape (K, J)
         [rad], and how far every foot is off, shape (K, N) [m].
 
         Raises InvalidInput for feet of another shape.
 
         Arguments:
-            near: postures to stay near to, all joints in the legs' order, shape (K, J) or (J,) [rad].
+            near: postures to stay near to, shape (K, J) or (J,) [rad]; tried first, and seeds only
+                for the feet that do not get there.
             up: normals below soles in the base's frame, shape (K, N, 3) or (3,).
         """
         target = np.asarray(feet, dtype=np.float64)
@@ -350,13 +292,35 @@ class InverseKinematics:
                 f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}"
             )
         ups = np.broadcast_to(up, target.shape)
-        ends = np.cumsum([0, *(len(each.leg.joints) for each in self.legs)])
-        starts = None if near is None else np.broadcast_to(near, (len(target), ends[-1]))
-        answers = [
-            leg.solve(target[:, i], None if starts is None else starts[:, a:b], ups[:, i])
-            for i, (leg, (a, b)) in enumerate(zip(self.legs, pairwise(ends), strict=True))
-        ]
-        return [q for q, _ in answers], np.stack([e for _, e in answers], axis=1)
+        best, error = np.zeros((len(target), len(self.standing))), np.full(target.shape[:2], np.inf)
+        if near is not None:
+            best, error = descend_legs(self.legs, target, np.broadcast_to(near, best.shape), ups)
+        ends = np.cumsum([0, *(len(leg.joints) for leg in self.legs)]).tolist()
+        for i, (leg, joints) in enumerate(zip(self.legs, pairwise(ends), strict=True)):
+            missed = np.flatnonzero(error[:, i] > REACHED_M)
+            for start in self._nearest(i, target[missed, i]) if len(missed) else ():
+                left = error[missed, i] > REACHED_M
+                if not left.any():
+                    break
+                at = missed[left]
+                again, far = descend(leg, target[at, i], start[left], ups[at, i])
+                closer = far < error[at, i]
+                best[at[closer], slice(*joints)] = again[closer]
+                error[at[closer], i] = far[closer]
+        return best, error
+
+    def _nearest(self, leg: int, feet: Array) -> Array:
+        """Seeds of a leg whose feet are nearest to these, shape (K, 3), the nearest first, shape
+        (tries, K, n).
+        """
+        from scipy.spatial import cKDTree  # slow to import
+
+        seeds = self._seeds[leg]
+        if leg not in self._trees:
+            at = self.legs[leg].chain.feet(seeds)
+            self._trees[leg] = cKDTree(at, balanced_tree=False, compact_nodes=False)
+        numbers = np.arange(1, min(self._tries, len(seeds)) + 1)
+        return np.asarray(seeds[self._trees[leg].query(feet, k=numbers)[1].T])
 
 
 def centres_of(

@@ -22,7 +22,7 @@ from ..arguments import cached_property
 from ..files.arrays import Array, lengths, read_only
 from ..physics import GRAVITY_M_S2
 from ..terrain.patch import Solid, Solids
-from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of, stepped
+from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, stepped
 from .leg import JOINTS, USUAL_REACH_M, Mount, Servo, levelled, rotation_of
 from .model import Limb, Robot
 from .robot_model import resisting_nm
@@ -217,8 +217,7 @@ class Kinematics:
             )
         else:
             start = self.own.standing if near is None else near
-            legs, _ = self.own.solve(feet[None], near=start, up=up)
-            wished = np.concatenate(legs, axis=1)[0]
+            wished = self.own.solve(feet[None], near=start, up=up)[0][0]
         if near is not None:
             far = self.by_leg(np.abs(wished - near)).max(axis=1) > most_rad
             wished = np.where(self.of_joints(far), near, wished)
@@ -249,7 +248,7 @@ class Kinematics:
         """Inverse kinematics from seeds all over the workspaces, which no pinocchio takes part
         in.
         """
-        return InverseKinematics(seeds_of(self.model.legs))
+        return InverseKinematics(self.model.legs)
 
     def reach(
         self,

@@ -100,13 +100,21 @@ def between_rotations(first: Array, last: Array, share: Array) -> Array:
     """Rotations a share of the way from one to another, each by less than half a turn about one
     axis: (L, 3, 3).
     """
-    turn = np.swapaxes(first, 1, 2) @ last
-    skew = 0.5 * (turn - np.swapaxes(turn, 1, 2))
+    vectors = vectors_of(np.swapaxes(first, 1, 2) @ last)
+    return np.asarray(first @ rotations_of(share[:, None] * vectors))
+
+
+def vectors_of(turns: Array) -> Array:
+    """Rotation vectors of matrices that turn by less than half a turn, shapes (K, 3, 3) to (K, 3)
+    [rad].
+    """
+    skew = 0.5 * (turns - np.swapaxes(turns, 1, 2))
     axis = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
     sine = np.linalg.norm(axis, axis=1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0))
-    share = share * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0.0)
-    return np.asarray(first @ rotations_of(share[:, None] * axis))
+    angle = np.arctan2(sine, 0.5 * (np.trace(turns, axis1=1, axis2=2) - 1.0))
+    return np.asarray(
+        axis * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 0.0)[:, None]
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -368,6 +376,10 @@ class Mount:
     joint: int
     rotation: Array
     origin_m: Array
+
+    def placed(self, points: Array) -> Array:
+        """Points of the link, shape (K, 3) [m], in that body's frame."""
+        return np.asarray(self.origin_m + points @ self.rotation.T)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

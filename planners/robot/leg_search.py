@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from itertools import takewhile
 from typing import Any
 
@@ -23,7 +22,7 @@ from .contacts import Fits, Touch, is_wheel, placed_shapes, sole_of, touch_of
 from .leg import FULL_TURN, Chain, FootContact, FootSole, Joint, Leg
 from .meshes import Shape
 from .plausibility import points_up
-from .urdf_reader import base_joint, matching, pinocchio
+from .urdf_reader import axes_of, base_joint, matching, pinocchio
 
 _LOW = 0.6
 """Share of the lowest chain's depth below the base: what goes lower is a leg."""
@@ -67,16 +66,9 @@ class Waist(InvalidInput):
         )
 
 
-Found = tuple[
-    tuple[Leg, ...],
-    tuple[int, ...],
-    tuple[str, ...],
-    tuple[tuple[str, str], ...],
-    tuple[str, ...],
-]
-"""Legs; for every leg the index of the shape that touches, −1 if there is none; what of them was
-guessed, a line each; what is hard to believe: of which joint or link, and what; and entries that a
-YAML file has to add before anything can be planned, a line each."""
+Found = tuple[tuple[Leg, ...], tuple[str, ...], tuple[tuple[str, str], ...], tuple[str, ...]]
+"""Legs; what of them was guessed, a line each; what is hard to believe: of which joint or link, and
+what; and entries that a YAML file has to add before anything can be planned, a line each."""
 
 
 def legs_of(
@@ -102,89 +94,76 @@ def legs_of(
     guesses, gaps = list[str](), list[str]()
     if feet:
         ends = {name: tree.end_at(foot) for name, foot in feet.items()}
-        _check_apart(ends)
+        tree.check_apart(list(ends.values()))
     else:
         lowest, arms, gaps = tree.lowest_chains()
         if arms:
-            names = ", ".join(arm.foot for arm in arms)
+            names = ", ".join(map(tree.foot, arms))
             guesses.append(f"no legs though they reach as low, by their shape and names: {names}")
-        lowest.sort(key=lambda end: order.index(model.names[end.joints[0]]))
-        ends = dict(zip(_names(lowest), lowest, strict=True))
-        names = ", ".join(f"{name} ({end.foot})" for name, end in ends.items())
+        lowest.sort(key=lambda end: order.index(tree.names(end)[0]))
+        ends = dict(zip(tree.leg_names(lowest), lowest, strict=True))
+        names = ", ".join(f"{name} ({tree.foot(end)})" for name, end in ends.items())
         guesses.append(f"legs and feet, by their shape and names: {names}")
     tree.doubts.clear()  # of chains that are no legs
-    known = _contacts(ends, contacts or {})
+    owners = {tree.foot(end): name for name, end in ends.items()} | {name: name for name in ends}
+    known = dict[str, FootContact]()
+    for pattern, contact in (contacts or {}).items():  # later patterns win
+        known |= {owners[name]: contact for name in matching(pattern, owners, "contacts")}
     tree.flat = len(ends) == 2
-    result = [tree.leg(name, end, known.get(name)) for name, end in ends.items()]
-    tree.doubts += [(f"link {leg.foot}", leg.doubt) for leg, _ in result if leg.doubt]
-    soles = [(leg.foot, *leg.sole.size_m) for leg, _ in result if leg.sole and not leg.contact]
+    legs = tuple(tree.leg(name, end, known.get(name)) for name, end in ends.items())
+    tree.doubts += [(f"link {leg.foot}", leg.doubt) for leg in legs if leg.doubt]
+    soles = [(leg.foot, *leg.sole.size_m) for leg in legs if leg.sole and not leg.contact]
     if soles:
         sizes = ", ".join(f"{foot} {long:.3f} × {wide:.3f} m" for foot, long, wide in soles)
         guesses.append(f"soles, by their shapes: {sizes}")
-    legs, indices = tuple(leg for leg, _ in result), tuple(index for _, index in result)
-    return legs, indices, tuple(guesses), tuple(tree.doubts), tuple(gaps)
-
-
-def _contacts(
-    ends: Mapping[str, _End], contacts: Mapping[str, FootContact]
-) -> dict[str, FootContact]:
-    """Contact that a person gives each leg, by its name; later patterns win.
-
-    Raises InvalidInput for one that fits no leg.
-    """
-    owners = {**{end.foot: name for name, end in ends.items()}, **{name: name for name in ends}}
-    result = dict[str, FootContact]()
-    for pattern, contact in contacts.items():
-        result |= {owners[name]: contact for name in matching(pattern, owners, "contacts")}
-    return result
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _End:
-    """The end of a chain: its joints from the base outward (pinocchio's numbers), and the link that
-    may be a foot.
-    """
-
-    joints: tuple[int, ...]
-    foot: str
-    tip_m: Array
-    names: tuple[str, ...]
+    return legs, tuple(guesses), tuple(tree.doubts), tuple(gaps)
 
 
 class _Tree:
-    """The chains of one model."""
+    """The chains of one model, each by the number of the frame of the link that may be its foot."""
 
     def __init__(self, model: Any, shapes: Sequence[Shape]) -> None:
         self._model, self._shapes = model, shapes
         self.flat = False  # feet may be soles, as of who stands on two
         self.doubts, self._fits = list[tuple[str, str]](), Fits()
         pin = pinocchio()
-        self._bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+        self._bodies = {
+            i: frame for i, frame in enumerate(model.frames) if frame.type == pin.FrameType.BODY
+        }
         self._base = base_joint(model)
         data = model.createData()
-        pin.computeJointJacobians(model, data, pin.neutral(model))
-        local = [
-            pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)
-            for j in range(model.njoints)
-        ]
-        self._twists = {
-            j: local[j][:, model.joints[j].idx_v] for j in range(self._base + 1, model.njoints)
-        }
+        pin.forwardKinematics(model, data, pin.neutral(model))
+        self._axes = axes_of(model)
         base = data.oMi[self._base]
         self._in_base = [base.actInv(data.oMi[j]) for j in range(model.njoints)]
 
-    def lowest_chains(self) -> tuple[list[_End], list[_End], list[str]]:
+    def joints(self, end: int) -> tuple[int, ...]:
+        """Joints of a chain from the base outward, as pinocchio numbers them."""
+        carriers = self._model.supports[self._bodies[end].parentJoint]
+        return tuple(j for j in carriers if j > self._base)
+
+    def names(self, end: int) -> tuple[str, ...]:
+        """Names of these joints."""
+        return tuple(self._model.names[j] for j in self.joints(end))
+
+    def foot(self, end: int) -> str:
+        """Name of a chain's last link."""
+        return str(self._bodies[end].name)
+
+    def _tip(self, end: int) -> Array:
+        """Place of that link in the last joint's frame, shape (3,) [m]."""
+        return np.array(self._bodies[end].placement.translation)
+
+    def lowest_chains(self) -> tuple[list[int], list[int], list[str]]:
         """Chains that are legs, chains that reach as low and are arms, and the points of this that
         a person has to settle. Raises InvalidInput where there are none.
         """
         parents = list(self._model.parents)
         leaves = [j for j in range(self._base + 1, len(parents)) if j not in parents]
+        ends = [self._end(leaf) for leaf in leaves if self._base in self._model.supports[leaf]]
         ends = [
-            self._end(self._support(leaf))
-            for leaf in leaves
-            if self._base in self._model.supports[leaf]
+            end for end in ends if 2 <= len(self.joints(end)) <= _MOST_JOINTS and self._simple(end)
         ]
-        ends = [end for end in ends if 2 <= len(end.joints) <= _MOST_JOINTS and self._simple(end)]
         ends = [end for end in ends if self._length(end) > _SHORTEST_M]
         if not ends:
             raise InvalidInput(
@@ -194,9 +173,9 @@ class _Tree:
         arms = self._arms(ends)  # which may hang down lower than legs go
         least = _LOW * min(depth[end] for end in ends if end not in arms)
         legs = [end for end in ends if end not in arms and depth[end] < least]
-        chains = dict[int, list[_End]]()
+        chains = dict[int, list[int]]()
         for end in legs:
-            chains.setdefault(end.joints[0], []).append(end)
+            chains.setdefault(self.joints(end)[0], []).append(end)
         for each in chains.values():
             self._check_waist(each)
         branched = {first for first, each in chains.items() if self._second(each) is not None}
@@ -205,9 +184,8 @@ class _Tree:
             first = min(branched)
             best, other = self._longest(chains[first]), self._second(chains[first])
             raise InvalidInput(
-                f"legs: expected one foot a leg, joint {shown(best.names[0])} carries {best.foot} "
-                "and "
-                f"{other.foot if other else '?'}"
+                f"legs: expected one foot a leg, joint {shown(self.names(best)[0])} carries "
+                f"{self.foot(best)} and {'?' if other is None else self.foot(other)}"
             )
         if not alone:
             raise InvalidInput(
@@ -217,32 +195,33 @@ class _Tree:
         gaps = self._lying([end for end in ends if end not in arms], alone)
         if len(alone) < 2 and not gaps:
             gaps = [
-                f"legs: expected two or more, found one, {alone[0].foot}, as of an arm; say which "
+                f"legs: expected two or more, found one, {self.foot(alone[0])}, as of an arm; say which "
                 "feet there are in a YAML file"
             ]
         return alone, low, gaps
 
-    def _check_waist(self, ends: list[_End]) -> None:
+    def _check_waist(self, ends: list[int]) -> None:
         """Raise Waist where two legs that are alike hang below joints that they share."""
         best = self._longest(ends)
         for end in ends:
-            shared = [j for j in best.joints if j in end.joints]
-            own = [replace(each, joints=each.joints[len(shared) :]) for each in (best, end)]
+            shared = sum(j in self.joints(end) for j in self.joints(best))
+            own = [len(self.joints(each)) - shared for each in (best, end)]
+            long_m = [self._length(each, shared) for each in (best, end)]
             if (
                 shared
-                and min(len(each.joints) for each in own) >= _WHOLE_LEG
-                and len(own[0].joints) == len(own[1].joints)
-                and 2.0 * min(map(self._length, own)) > self._length(best)
+                and min(own) >= _WHOLE_LEG
+                and own[0] == own[1]
+                and 2.0 * min(long_m) > self._length(best)
             ):
-                raise Waist(best.names[: len(shared)], best.foot, end.foot)
+                raise Waist(self.names(best)[:shared], self.foot(best), self.foot(end))
 
-    def _arms(self, ends: Sequence[_End]) -> list[_End]:
+    def _arms(self, ends: Sequence[int]) -> list[int]:
         """Chains that are called arms, and those in the middle that are made otherwise than all the
         others; none where fewer than two chains are left.
         """
         named = [end for end in ends if self._called(end, ARM) and not self._called(end, _LEG)]
         left = [end for end in ends if end not in named]
-        others = {end: [other for other in left if other is not end] for end in left}
+        others = {end: [other for other in left if other != end] for end in left}
         odd = [
             end
             for end in left
@@ -252,67 +231,63 @@ class _Tree:
             odd = []
         return [] if len(left) < 2 else [*named, *odd]
 
-    def _in_middle(self, end: _End) -> bool:
+    def _in_middle(self, end: int) -> bool:
         """Tell whether a chain begins in the plane between left and right."""
-        return abs(float(self._in_base[end.joints[0]].translation[1])) < _ALIKE * self._length(end)
+        return abs(
+            float(self._in_base[self.joints(end)[0]].translation[1])
+        ) < _ALIKE * self._length(end)
 
-    def _lying(self, ends: Sequence[_End], legs: Sequence[_End]) -> list[str]:
+    def _lying(self, ends: Sequence[int], legs: Sequence[int]) -> list[str]:
         """Reasons to think that z does not point up: chains made as the legs are that do not go
         down, or legs that go up.
         """
         twins = [
             end for end in ends if end not in legs and any(self._alike(end, leg) for leg in legs)
         ]
-        firsts = {end.joints[0] for end in legs}
-        twins = [end for end in twins if end.joints[0] not in firsts]
-        base = next((frame.name for frame in self._bodies if frame.parentJoint == self._base), "?")
+        firsts = {self.joints(end)[0] for end in legs}
+        twins = [end for end in twins if self.joints(end)[0] not in firsts]
+        bodies = self._bodies.values()
+        base = next((frame.name for frame in bodies if frame.parentJoint == self._base), "?")
         hint = "say root_rpy_rad, or which feet there are, in a YAML file"
         if twins:
-            feet = ", ".join(end.foot for end in twins)
+            feet = ", ".join(map(self.foot, twins))
             return [
                 f"link {base}: its z does not point up: {feet} are ends of chains like the legs' "
                 "that do not go down: "
                 f"{hint}"
             ]
-        if legs and all(points_up(self.leg("", end)[0]) for end in legs):
+        if legs and all(points_up(self.leg("", end)) for end in legs):
             return [f"link {base}: its z does not point up: the legs do: {hint}"]
         return []
 
-    def _called(self, end: _End, word: re.Pattern[str]) -> bool:
+    def _called(self, end: int, word: re.Pattern[str]) -> bool:
         """Tell whether a name of a chain's joints, or of its last link, has a word in it."""
-        return any(word.search(name) for name in (*end.names, end.foot))
+        return any(word.search(name) for name in (*self.names(end), self.foot(end)))
 
-    def _alike(self, one: _End, other: _End) -> bool:
+    def _alike(self, one: int, other: int) -> bool:
         """Tell whether two chains have as many joints and are as long."""
         a, b = self._length(one), self._length(other)
-        return len(one.joints) == len(other.joints) and abs(a - b) <= _ALIKE * max(a, b)
+        return len(self.joints(one)) == len(self.joints(other)) and abs(a - b) <= _ALIKE * max(a, b)
 
-    def end_at(self, foot: str) -> _End:
+    def end_at(self, foot: str) -> int:
         """The chain that ends in a link.
 
         Raises InvalidInput where there is no such link, or no joint before it.
         """
-        frame = next((frame for frame in self._bodies if frame.name == foot), None)
-        if frame is None:
-            known = ", ".join(each.name for each in self._bodies[:12])
+        end = next((i for i, frame in self._bodies.items() if frame.name == foot), None)
+        if end is None:
+            known = ", ".join([frame.name for frame in self._bodies.values()][:12])
             raise InvalidInput(
                 f"feet: expected a link ({known}, …), found none that is called {shown(foot)}"
             )
-        joints = self._support(frame.parentJoint)
-        if not joints:
+        if not self.joints(end):
             raise InvalidInput(
                 f"feet: expected joints between the base and {shown(foot)}, all of them are fixed"
             )
-        return _End(
-            joints=joints,
-            foot=foot,
-            tip_m=frame.placement.translation.copy(),
-            names=tuple(self._model.names[j] for j in joints),
-        )
+        return end
 
-    def leg(self, name: str, end: _End, contact: FootContact | None = None) -> tuple[Leg, int]:
-        """The leg that ends at this link, with the middle of its joint limits as its stance; and
-        the number of the shape with which it touches the ground.
+    def leg(self, name: str, end: int, contact: FootContact | None = None) -> Leg:
+        """The leg that ends at this link, with the middle of its joint limits as its stance.
 
         Arguments:
             contact: contact shape, if a YAML file gives one.
@@ -320,66 +295,55 @@ class _Tree:
         Raises:
             InvalidInput: for joints of more than one angle.
         """
+        numbers = self.joints(end)
         if not self._simple(end):
-            wrong = next(j for j in end.joints if self._model.joints[j].nv != 1)
+            wrong = next(j for j in numbers if self._model.joints[j].nv != 1)
             raise InvalidInput(
                 f"joint {shown(self._model.names[wrong])}: expected one angle, it has more"
             )
-        if len(end.joints) > _MOST_JOINTS:
+        if len(numbers) > _MOST_JOINTS:
             raise InvalidInput(
-                f"leg {shown(name)}: expected {_MOST_JOINTS} joints or fewer, got {len(end.joints)}"
+                f"leg {shown(name)}: expected {_MOST_JOINTS} joints or fewer, got {len(numbers)}"
             )
-        joints = tuple(self._joint(j) for j in end.joints)
-        touch, sole = self._touch(end, contact, joints)
-        chain = self._chain(end, touch.centre_m)
-        middle = np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in joints])
-        leg = Leg(
+        joints = tuple(self._joint(j) for j in numbers)
+        (foot, centre, radius_m, doubt), sole = self._touch(end, contact, joints[-1])
+        return Leg(
             name=name,
             joints=joints,
-            chain=chain,
-            foot=touch.link,
-            radius_m=touch.radius_m,
-            stance_rad=middle,
+            chain=self._chain(numbers, centre),
+            foot=foot,
+            radius_m=radius_m,
+            stance_rad=np.array([0.5 * (joint.lower_rad + joint.upper_rad) for joint in joints]),
             contact=contact,
-            doubt=touch.doubt,
+            doubt=doubt,
             sole=sole,
         )
-        return leg, touch.index
 
-    def _support(self, joint: int) -> tuple[int, ...]:
-        return tuple(j for j in self._model.supports[joint] if j > self._base)
+    def _simple(self, end: int) -> bool:
+        return all(self._model.joints[j].nv == 1 for j in self.joints(end))
 
-    def _simple(self, end: _End) -> bool:
-        return all(self._model.joints[j].nv == 1 for j in end.joints)
+    def _length(self, end: int, first: int = 0) -> float:
+        """Length of a chain by way of its joints, or of what is left of it from one of them on [m]."""
+        joints = self.joints(end)[first + 1 :]
+        places = [self._model.jointPlacements[j].translation for j in joints]
+        return float(sum(map(np.linalg.norm, places)) + np.linalg.norm(self._tip(end)))
 
-    def _length(self, end: _End) -> float:
-        places = [self._model.jointPlacements[j].translation for j in end.joints[1:]]
-        return float(sum(np.linalg.norm(place) for place in places) + np.linalg.norm(end.tip_m))
-
-    def _end(self, joints: tuple[int, ...]) -> _End:
-        """The end of a chain of joints: the link at its last one that is called a foot, or the
+    def _end(self, joint: int) -> int:
+        """The end of the chain of a last joint: the link on it that is called a foot, or the
         farthest.
         """
-        links = [frame for frame in self._bodies if frame.parentJoint == joints[-1]]
-        far = {frame.name: float(np.linalg.norm(frame.placement.translation)) for frame in links}
-        links = [frame for frame in links if not _SENSOR.search(frame.name)] or links
-        most = max(far[frame.name] for frame in links)
-        called = [
-            frame for frame in links if FOOT.search(frame.name) and far[frame.name] >= _NEAR * most
-        ]
-        foot = max(called or links, key=lambda frame: far[frame.name])
-        return _End(
-            joints=joints,
-            foot=foot.name,
-            tip_m=foot.placement.translation.copy(),
-            names=tuple(self._model.names[j] for j in joints),
-        )
+        links = [i for i, frame in self._bodies.items() if frame.parentJoint == joint]
+        links = [i for i in links if not _SENSOR.search(self.foot(i))] or links
+        far = {i: float(np.linalg.norm(self._tip(i))) for i in links}
+        most = max(far.values())
+        called = [i for i in links if FOOT.search(self.foot(i)) and far[i] >= _NEAR * most]
+        return max(called or links, key=lambda i: far[i])
 
-    def _depth(self, end: _End) -> float:
+    def _depth(self, end: int) -> float:
         """Depth of the chain's end below the base's origin or its lowest hip, whichever is higher
         [m].
         """
-        leg, _ = self.leg("", end)
+        leg = self.leg("", end)
         feet = leg.chain.feet(leg.random_angles(_SAMPLES, np.random.default_rng(0)))
         return float(feet[:, 2].min()) - max(
             0.0, min(float(self._in_base[j].translation[2]) for j in self._firsts())
@@ -392,43 +356,37 @@ class _Tree:
             if self._model.parents[j] == self._base
         ]
 
-    def _longest(self, ends: list[_End]) -> _End:
+    def _longest(self, ends: list[int]) -> int:
         """Longest of the ends of one child of the base."""
-        return max(ends, key=lambda end: (len(end.joints), self._length(end)))
+        return max(ends, key=lambda end: (len(self.joints(end)), self._length(end)))
 
-    def _second(self, ends: list[_End]) -> _End | None:
+    def _second(self, ends: list[int]) -> int | None:
         """A second foot beside the longest chain's, where one child of the base has two: fingers
         and heels are none.
         """
         best = self._longest(ends)
         place = self._at_zero(best)
         for end in ends:
-            count = len(set(end.joints) - set(best.joints))
+            count = len(set(self.joints(end)) - set(self.joints(best)))
             if count > 1 and float(
                 np.linalg.norm(self._at_zero(end) - place)
             ) > _APART * self._length(best):
                 return end
         return None
 
-    def _at_zero(self, end: _End) -> Array:
-        return np.asarray(self._chain(end, end.tip_m).feet(np.zeros((1, len(end.joints))))[0])
+    def _at_zero(self, end: int) -> Array:
+        joints = self.joints(end)
+        return np.asarray(self._chain(joints, self._tip(end)).feet(np.zeros((1, len(joints))))[0])
 
-    def _chain(self, end: _End, tip: Array) -> Chain:
-        model, joints = self._model, end.joints
-        twists = [self._twists[j] for j in joints]
-        slides = np.array([np.linalg.norm(twist[3:]) < 0.5 for twist in twists])
+    def _chain(self, joints: Sequence[int], tip: Array) -> Chain:
+        model = self._model
         first = self._in_base[joints[0]]
         places = [first, *(model.jointPlacements[j] for j in joints[1:])]
         return Chain(
             rotations=np.array([place.rotation for place in places]),
             origins=np.array([place.translation for place in places]),
-            axes=np.array(
-                [
-                    twist[:3] if flat else twist[3:]
-                    for twist, flat in zip(twists, slides, strict=True)
-                ]
-            ),
-            slides=slides,
+            axes=np.array([self._axes[j][0] for j in joints]),
+            slides=np.array([self._axes[j][1] for j in joints]),
             tip_m=tip,
         )
 
@@ -440,7 +398,7 @@ class _Tree:
             float(model.lowerPositionLimit[column]),
             float(model.upperPositionLimit[column]),
         )
-        slides = bool(np.linalg.norm(self._twists[j][3:]) < 0.5)
+        slides = self._axes[j][1]
         if slides and not lower < upper:
             raise InvalidInput(
                 f"joint {shown(name)}: expected a lower limit below the upper one, got {lower:g}, "
@@ -466,86 +424,78 @@ class _Tree:
         )
 
     def _touch(
-        self, end: _End, contact: FootContact | None, joints: Sequence[Joint]
+        self, end: int, contact: FootContact | None, last: Joint
     ) -> tuple[Touch, FootSole | None]:
-        """Shape with which the leg touches, in the last joint's frame, and the sole that it is."""
-        body = [frame for frame in self._bodies if frame.parentJoint == end.joints[-1]]
+        """What touches of the leg whose last joint this is, and the sole that it is."""
+        number, foot, tip = self.joints(end)[-1], self.foot(end), self._tip(end)
         places = {
             frame.name: (np.array(frame.placement.rotation), np.array(frame.placement.translation))
-            for frame in body
+            for frame in self._bodies.values()
+            if frame.parentJoint == number
         }
-        turn, place = places[end.foot]
-        base = self._in_base[end.joints[-1]].rotation.T
+        base, axis = self._in_base[number].rotation.T, self._axes[number][0]
         if contact is not None:
-            centre, flat = place + turn @ contact.point_m, contact.sole_m
+            centre, flat = tip + places[foot][0] @ contact.point_m, contact.sole_m
             sole = None if flat is None else FootSole(points_m=flat, rotation=base)
-            return Touch(link=end.foot, centre_m=centre, radius_m=contact.radius_m, index=-1), sole
+            return (foot, centre, contact.radius_m, ""), sole
         pieces = placed_shapes(self._shapes, places, self._fits)
-        free = joints[-1].upper_rad - joints[-1].lower_rad > FULL_TURN and not joints[-1].slides
-        if free and is_wheel(pieces, self._twists[end.joints[-1]][3:], base[:, 2]):
+        free = last.upper_rad - last.lower_rad > FULL_TURN and not last.slides
+        if free and is_wheel(pieces, axis, base[:, 2]):
             doubt = "is a wheel, whose axis is along the ground: no foot stands on it"
-            wheel = Touch(link=end.foot, centre_m=place, radius_m=0.0, index=-1, doubt=doubt)
-            return wheel, None
-        found = sole_of(pieces, base) if self.flat and len(joints) >= _LEVEL else None
-        if found is not None:
+            return (foot, tip, 0.0, doubt), None
+        level = self.flat and len(self.joints(end)) >= _LEVEL
+        if level and (found := sole_of(pieces, base)) is not None:
             sole, middle, link = found
-            return Touch(link=link, centre_m=middle, radius_m=0.0, index=-1), sole
-        return self._pointed(end, touch_of(pieces), place), None
-
-    def _pointed(self, end: _End, touch: Touch | None, place: Array) -> Touch:
-        """Shape with which a leg touches that is no sole.
-
-        Arguments:
-            touch: as its shapes show it.
-            place: of its foot in the last joint's frame, shape (3,) [m].
-        """
-        if touch is not None and not touch.doubt:
-            return touch
-        doubt, link = ("", end.foot) if touch is None else (touch.doubt, touch.link)
-        if np.linalg.norm(end.tip_m) > _SHORTEST_M:
-            return Touch(link=end.foot, centre_m=place, radius_m=0.0, index=-1, doubt=doubt)
-        tip = 2.0 * self._model.inertias[end.joints[-1]].lever if touch is None else touch.centre_m
+            return (link, middle, 0.0, ""), sole
+        touch = touch_of(pieces)
+        if touch is not None and not touch[-1]:
+            return touch, None
+        link, farthest, _, doubt = touch or (foot, None, 0.0, "")
+        if np.linalg.norm(tip) > _SHORTEST_M:
+            return (foot, tip, 0.0, doubt), None
         if not doubt:
             self.doubts.append(
                 (f"link {link}", "has no link for its foot, its farthest end is taken for it")
             )
-        return Touch(link=link, centre_m=np.asarray(tip), radius_m=0.0, index=-1, doubt=doubt)
+        lever = 2.0 * np.array(self._model.inertias[number].lever)
+        return (link, lever if farthest is None else farthest, 0.0, doubt), None
 
+    def check_apart(self, ends: Sequence[int]) -> None:
+        """Raise Waist, or InvalidInput, for a joint that is part of two legs."""
+        seen = dict[int, int]()
+        for end in ends:
+            joints = self.joints(end)
+            for joint, name in zip(joints, self.names(end), strict=True):
+                if joint in seen:
+                    others, feet = self.joints(seen[joint]), map(self.foot, (seen[joint], end))
+                    if len(set(joints) ^ set(others)) >= 2 * _WHOLE_LEG:
+                        shared = sum(j in others for j in joints)
+                        raise Waist(self.names(end)[:shared], *feet)
+                    raise InvalidInput(
+                        f"feet: expected one foot a leg, joint {shown(name)} carries "
+                        f"{' and '.join(feet)}"
+                    )
+                seen[joint] = end
 
-def _check_apart(ends: Mapping[str, _End]) -> None:
-    seen = dict[int, _End]()
-    for end in ends.values():
-        for joint, name in zip(end.joints, end.names, strict=True):
-            if joint in seen:
-                own = len(set(end.joints) ^ set(seen[joint].joints))
-                if own >= 2 * _WHOLE_LEG:
-                    shared = sum(j in seen[joint].joints for j in end.joints)
-                    raise Waist(end.names[:shared], seen[joint].foot, end.foot)
-                raise InvalidInput(
-                    f"feet: expected one foot a leg, joint {shown(name)} carries "
-                    f"{seen[joint].foot} and {end.foot}"
-                )
-            seen[joint] = end
-
-
-def _names(ends: Sequence[_End]) -> list[str]:
-    """A leg's name is what its joints' names begin with, or end with, or its foot's."""
-    for guess in (_beginning, _ending, lambda end: end.foot):
-        names = [guess(end) for end in ends]
-        if all(names) and len(set(names)) == len(names):
-            return names
-    return [f"leg{i + 1}" for i in range(len(ends))]
-
-
-def _beginning(end: _End) -> str:
-    return _shared(end.names).rstrip("_-. ")
-
-
-def _ending(end: _End) -> str:
-    return _shared([_JOINT_WORD.sub("", name)[::-1] for name in end.names])[::-1].strip("_-. ")
+    def leg_names(self, ends: Sequence[int]) -> list[str]:
+        """A leg's name is what its joints' names begin with, or end with, or its foot's."""
+        joints = [self.names(end) for end in ends]
+        for names in (
+            [_shared(each).rstrip("_-. ") for each in joints],
+            [_ending(each) for each in joints],
+            [self.foot(end) for end in ends],
+        ):
+            if all(names) and len(set(names)) == len(names):
+                return names
+        return [f"leg{i + 1}" for i in range(len(ends))]
 
 
 def _shared(names: Sequence[str]) -> str:
     """Beginning that all names share."""
     same = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
     return "".join(letters[0] for letters in same)
+
+
+def _ending(names: Sequence[str]) -> str:
+    """End that all names of joints share, without the word for joint."""
+    return _shared([_JOINT_WORD.sub("", name)[::-1] for name in names])[::-1].strip("_-. ")

@@ -305,6 +305,12 @@ def shape_points(shape: Shape) -> Array | None:
     return np.vstack(rings)
 
 
+def link_points(shape: Shape) -> Array | None:
+    """``shape_points`` in the link's frame."""
+    points = shape_points(shape)
+    return None if points is None else np.asarray(shape.origin_m + points @ shape.rotation.T)
+
+
 def surface_points(points: Array, apart_m: float) -> Array:
     """Points all over the hull of others, shape (K, 3), not much farther apart than this, shape (P,
     3) [m].
@@ -395,13 +401,11 @@ def _different(points: Array) -> tuple[Any, Any]:
     return first, number.reshape(-1)
 
 
-def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) -> Triangles | None:
+def thinned_mesh(path: Path, scale: Array, most: int) -> Triangles:
     """A mesh of ``most`` triangles or fewer, to the left from outside, kept by the digest of its
-    file; None where it cannot be had. One whose faces disagree has all of them twice, seen from
-    either side.
+    file. One whose faces disagree has all of them twice, seen from either side.
 
-    Arguments:
-        cached: False reads the file and keeps nothing.
+    Raises InvalidInput where it cannot be had.
     """
 
     def made() -> dict[str, Any]:
@@ -409,12 +413,8 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
         return {"vertices": np.float32(mesh.vertices_m), "faces": np.int32(mesh.faces)}
 
     said = f"{_VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode()
-    with suppress(InvalidInput):
-        if not cached:
-            return faced_outward(thinned(read_mesh(path, scale), most))
-        said += read_bytes(path, MOST_BYTES)
-        return kept("meshes/", said, made, lambda each: _checked(each["vertices"], each["faces"]))
-    return None
+    said += read_bytes(path, MOST_BYTES)
+    return kept("meshes/", said, made, lambda each: _checked(each["vertices"], each["faces"]))
 
 
 def kept(
@@ -456,13 +456,10 @@ def unseen(shapes: Sequence[Shape], most: int) -> list[str]:
             links.setdefault((shape.mesh, shape.size_m.tobytes()), []).append(shape)
     missing = []
     for (path, _), links_of_mesh in links.items():
-        if thinned_mesh(path, links_of_mesh[0].size_m, most) is None:
-            try:
-                read_mesh(path, links_of_mesh[0].size_m)
-            except InvalidInput as error:
-                why = str(error).removeprefix(f"{path}: ")
-            else:
-                continue
+        try:
+            thinned_mesh(path, links_of_mesh[0].size_m, most)
+        except InvalidInput as error:
+            why = str(error).removeprefix(f"{path}: ")
             names = ", ".join(dict.fromkeys(shape.link for shape in links_of_mesh))
             missing.append(f"link {names}: not in the picture, mesh {shown(path.name)}: {why}")
     return missing

@@ -51,6 +51,8 @@ MOST_ROWS = 256
 ROOM_M = 1e-9
 """A place so far inside of all half-spaces shows that they leave room, without a linear program
 [m]."""
+_WIDEST_M = 0.5
+"""Largest radius of a ball that shows it, as half-spaces may be without an end."""
 _CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
 """Corners of the box |Θ_i| ≤ 1, one of each opposite pair."""
 
@@ -132,17 +134,15 @@ def _centre(normals: bytes, bounds: bytes) -> tuple[float, ...]:
     """``ReachRows.centre_m``, remembered: the rows of a data set's problems are those of one robot
     again and again.
     """
-    from scipy.optimize import linprog  # slow to import
+    from .hulls import inscribed_ball  # reads meshes, which is slow to import
 
-    rows, free = np.frombuffer(normals).reshape(-1, 3), (None, None)
-    rows = np.column_stack([rows, np.ones(len(rows))])
-    right, bounds_m = np.frombuffer(bounds), [free, free, free, (None, 0.5)]
-    result = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=right, bounds=bounds_m)
-    if result.x is None or result.x[3] <= 0.0:
+    rows, right = np.frombuffer(normals).reshape(-1, 3), np.frombuffer(bounds)
+    ball = inscribed_ball(rows, right, (-np.inf, _WIDEST_M))
+    if ball is None:
         raise InvalidInput(
             "bounds_m: expected half-spaces that leave room for a toe, got an empty set"
         )
-    return tuple(result.x[:3].tolist())
+    return tuple(ball[:3].tolist())
 
 
 def turned_most(vectors: Array, tilt_rad: float) -> Array:
@@ -560,7 +560,7 @@ class Robot:
             raise no_legs(self.name)
         from .robot_file import drawn_model  # slow to import
 
-        return drawn_model(self.name, self.mass_kg, self.limbs, servo or self.drawn)
+        return drawn_model(self, servo or self.drawn)
 
     def own_model(self) -> RobotModel:
         """The model of the robot's own file.
@@ -623,7 +623,7 @@ class Robot:
         from .robot_file import drawn_urdf  # asked for by few
 
         try:
-            drawn_urdf(self.name, self.mass_kg, self.limbs, self.drawn)
+            drawn_urdf(self)
         except InvalidInput as error:
             return str(error)
         return ""

@@ -26,10 +26,10 @@ from ..files.arrays import Array
 from ..terrain.patch import hull_of
 from .hulls import Polytope
 from .leg import FULL_TURN, Leg
-from .meshes import Shape, kept, shape_points, solid_shapes
+from .meshes import Shape, kept, link_points, solid_shapes
 from .model import Limb
 from .robot_model import RobotModel
-from .urdf_reader import base_joint, pinocchio
+from .urdf_reader import axes_of, base_joint
 
 if TYPE_CHECKING:
     from .model import Robot
@@ -285,10 +285,9 @@ def contact_radii_m(robot: RobotModel) -> Array:
             mount = robot.mounts[shape.link]
             last = mount.leg == i and mount.joint == len(leg.joints) - 1
             its = shape.link == leg.foot if leg.sole is None else last
-            corners = shape_points(shape) if its else None
+            corners = link_points(shape) if its else None
             if corners is not None:
-                away = shape.origin_m + corners @ shape.rotation.T
-                away = mount.origin_m + away @ mount.rotation.T - leg.chain.tip_m
+                away = mount.placed(corners) - leg.chain.tip_m
                 radius = max(radius, float(np.linalg.norm(away, axis=1).max()))
         radii.append(radius)
     return np.array(radii)
@@ -298,10 +297,8 @@ class _Tree:
     """All joints of a robot's file below its base, with what they carry."""
 
     def __init__(self, robot: RobotModel) -> None:
-        pin, model = pinocchio(), robot.built
+        model = robot.built
         self.base = base_joint(model)
-        data = model.createData()
-        pin.computeJointJacobians(model, data, pin.neutral(model))
         self.mass_kg = float(sum(inertia.mass for inertia in model.inertias))
         self.children = {j: [int(c) for c in model.children[j]] for j in range(model.njoints)}
         self.masses = [float(inertia.mass) for inertia in model.inertias]
@@ -313,14 +310,12 @@ class _Tree:
             raise InvalidInput(f"robot {robot.name}: expected no mass that floats beside its base")
         self.names = [str(name) for name in model.names]
         self.joints: dict[int, tuple[Array, bool, float, float]] = {}
-        for j in range(self.base + 1, model.njoints):
+        for j, (axis, slides) in axes_of(model).items():
             joint = model.joints[j]
             if joint.nv != 1:
                 raise InvalidInput(
                     f"robot {robot.name}: joint {model.names[j]}: expected one angle, it has more"
                 )
-            twist = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)[:, joint.idx_v]
-            slides = bool(np.linalg.norm(twist[3:]) < 0.5)
             low, high = (
                 float(limits[joint.idx_q])
                 for limits in (model.lowerPositionLimit, model.upperPositionLimit)
@@ -332,7 +327,7 @@ class _Tree:
                 )
             if not slides and (joint.nq == 2 or not low < high or high - low > FULL_TURN):
                 low, high = -np.pi, np.pi
-            self.joints[j] = (np.array(twist[:3] if slides else twist[3:]), slides, low, high)
+            self.joints[j] = (axis, slides, low, high)
 
     @property
     def numbers(self) -> list[Any]:
@@ -438,12 +433,10 @@ def _box(shape: Shape, robot: RobotModel) -> Array | None:
     """Largest upright box in a shape of the base, None in one whose solid is not known: a mesh that
     its hull is much larger than.
     """
-    corners = shape_points(shape)
-    if corners is None or shape.parts_m:
+    points = link_points(shape)
+    if points is None or shape.parts_m:
         return None
-    mount = robot.mounts[shape.link]
-    points = (shape.origin_m + corners @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
-    if (hull := hull_of(points)) is None:
+    if (hull := hull_of(robot.mounts[shape.link].placed(points))) is None:
         return None
     faces = np.unique(hull.equations.round(12), axis=0)
     return Polytope(normals=faces[:, :3], offsets_m=-faces[:, 3]).largest_box()

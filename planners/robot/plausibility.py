@@ -17,7 +17,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from .leg import Leg, Mount
-from .meshes import Shape, pose_of, shape_points, unknown_shapes
+from .meshes import Shape, link_points, pose_of, shape_points, unknown_shapes
 from .urdf_reader import number_in
 
 _Doubt = tuple[str, str]
@@ -68,18 +68,9 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
     inertial = link.find("inertial")
     if inertial is None:
         return 0.0, np.zeros(3), np.zeros(3)
-    try:
-        element = inertial.find("mass")
-        mass = 0.0 if element is None else float(element.get("value", "0"))
-        element = inertial.find("inertia")
-        names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-        entries = (
-            [0.0] * 6 if element is None else [float(element.get(name, "0")) for name in names]
-        )
-    except ValueError:
-        raise InvalidInput(
-            f"{where}: expected numbers for the mass and the moments of inertia, got something else"
-        ) from None
+    mass = number_in(inertial.find("mass"), "value", where)
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    entries = [number_in(inertial.find("inertia"), name, where) for name in names]
     if not np.isfinite([mass, *entries]).all():
         raise InvalidInput(
             f"{where}: expected a finite mass and finite moments of inertia, got something else"
@@ -196,11 +187,8 @@ def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) ->
 
 def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -> float:
     """Extent of a link from its centre of mass; where it has no shape, as far as a leg [m]."""
-    points = [
-        shape.origin_m + corners @ shape.rotation.T
-        for shape in shapes
-        if shape.link == name and (corners := shape_points(shape)) is not None
-    ]
+    own = (link_points(shape) for shape in shapes if shape.link == name)
+    points = [each for each in own if each is not None]
     if not points:
         return reach_m
     return float(np.linalg.norm(np.vstack(points) - centre, axis=1).max())
@@ -220,17 +208,17 @@ def shapeless(root: Element, shapes: Sequence[Shape], mounts: Mapping[str, Mount
         name
         for name in heavy
         if mounts[name].leg is None
-        for place in [mounts[name].origin_m + mounts[name].rotation @ masses[name][1]]
+        for place in [mounts[name].placed(masses[name][1])]
         if not any(_within(shape, mounts[shape.link], place) for shape in solid)
     ]
 
 
 def _within(shape: Shape, mount: Mount, place: Array) -> bool:
     """Tell whether a place is in the box about a shape, or may be: a mesh that is not there."""
-    points = shape_points(shape)
+    points = link_points(shape)
     if points is None:
         return True
-    corners = mount.origin_m + (shape.origin_m + points @ shape.rotation.T) @ mount.rotation.T
+    corners = mount.placed(points)
     return bool(np.all((corners.min(axis=0) <= place) & (place <= corners.max(axis=0))))
 
 

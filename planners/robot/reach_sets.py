@@ -30,7 +30,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_text
 from .hulls import Polytope
-from .inverse_kinematics import REACHED_M, Seeds, descend, starts_of
+from .inverse_kinematics import REACHED_M, InverseKinematics, descend, starts_of
 from .leg import Leg
 from .meshes import kept
 from .model import MOST_ROWS, Limb, ReachRows, RelativeReach, Robot
@@ -105,12 +105,13 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
             f"got {len(leg.joints)}"
         )
     rng = np.random.default_rng(seed)
-    voxels, seeds = _Voxels(leg, rng), Seeds(leg, starts_of(leg, _SEEDS, rng), tries=_TRIES)
+    voxels = _Voxels(leg, rng)
+    solver = InverseKinematics([leg], [starts_of(leg, _SEEDS, rng)], tries=_TRIES)
     cover, inner = -1.0, Polytope(normals=np.zeros((0, 3)), offsets_m=np.zeros(0))
     for retreat in _RETREATS:
-        tried = _cut(voxels.polytope(leg.nominal_m, retreat), seeds, rng)
+        tried = _cut(voxels.polytope(leg.nominal_m, retreat), solver, rng)
         useful = voxels.useful(_CHECKED, rng)
-        held = tried.contains(useful[_reached(seeds, useful)])
+        held = tried.contains(useful[_reached(solver, useful)])
         share = float(held.mean()) if len(held) else 0.0
         if share > cover:
             cover, inner = share, tried
@@ -122,7 +123,7 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
         box_m=inner.largest_box(),
         reach_m=voxels.reach_m,
         cover=cover,
-        unreachable=float(1.0 - _reached(seeds, inner.sample(_CHECKED, rng)).mean()),
+        unreachable=float(1.0 - _reached(solver, inner.sample(_CHECKED, rng)).mean()),
     )
 
 
@@ -243,13 +244,13 @@ class _Voxels:
         return Polytope(normals=normals[keep], offsets_m=offsets[keep])
 
 
-def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
+def _cut(inner: Polytope, solver: InverseKinematics, rng: np.random.Generator) -> Polytope:
     """The polytope without the parts that inverse kinematics does not reach, tried on fresh points
     in every round.
     """
     for _ in range(_CUTS):
         points = inner.sample(_CHECKED, rng)
-        missed = ~_reached(seeds, points)
+        missed = ~_reached(solver, points)
         if np.count_nonzero(missed) <= _MISSED * _CHECKED:
             break
         tangents = (points[missed] - points.mean(axis=0)) @ np.linalg.inv(np.cov(points.T))
@@ -283,8 +284,8 @@ def _best_faces(candidates: Array, points: Array, missed: np.ndarray) -> tuple[A
     return np.array(normals).reshape(-1, 3), np.array(offsets)
 
 
-def _reached(seeds: Seeds, points: Array) -> np.ndarray:
-    return np.asarray(seeds.solve(points)[1] <= REACHED_M)
+def _reached(solver: InverseKinematics, points: Array) -> np.ndarray:
+    return np.asarray(solver.solve(points[:, None])[1][:, 0] <= REACHED_M)
 
 
 _VERSION = "workspace/3"

@@ -136,7 +136,7 @@ def as_they_come() -> Iterator[tuple[str, str, str]]:
             yield name, provider, path
 
 
-__all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo", "hexapod_urdf", "joint_names"]
+__all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo", "joint_names"]
 
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
@@ -144,29 +144,6 @@ def joint_names(robot: Robot) -> tuple[str, ...]:
     ``LF_yaw``; none where no legs are known.
     """
     return robot.joint_names
-
-
-def hexapod_urdf(robot: Robot, servo: Servo | None = None, *, rotors_in_links: bool = False) -> str:
-    """The URDF of a robot with any number of limbs, see ``drawn_urdf``.
-
-    Arguments:
-        servo: drive of every joint, in place of the robot's own.
-
-    Raises:
-        InvalidInput: also for a robot with its own legs.
-    """
-    if robot.own:
-        raise InvalidInput(
-            f"robot {robot.name}: expected a robot whose legs are to be drawn up, got one with "
-            "legs of its file"
-        )
-    return drawn_urdf(
-        robot.name,
-        robot.mass_kg,
-        robot.limbs,
-        servo or robot.servo,
-        rotors_in_links=rotors_in_links,
-    )
 
 
 BUILT_IN = ("hexapod",)
@@ -493,20 +470,17 @@ BODY_HEIGHT_M = 0.06
 """Height of a body whose limbs reach ``USUAL_REACH_M``, as all lengths here [m]."""
 
 
-def drawn_urdf(
-    name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo, *, rotors_in_links: bool = False
-) -> str:
-    """The URDF of a body with these limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``, in SI
-    units.
+def drawn_urdf(robot: Robot, servo: Servo | None = None) -> str:
+    """The URDF of a body with any number of limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``, in
+    SI units.
 
     Arguments:
-        servo: drive of every joint.
-        rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator
-            takes it for a body's; for those that know no inertia of rotors.
+        servo: drive of every joint, in place of the robot's own.
 
     Raises:
         InvalidInput: for what such legs do not have: feet that are soles, and half-spaces of reach.
     """
+    name, limbs, servo = robot.name, robot.limbs, servo or robot.servo
     if any(limb.sole_m is not None for limb in limbs):
         raise InvalidInput(f"robot {name}: expected point feet for a URDF of its own, got soles")
     if any(limb.reach_rows is not None for limb in limbs):
@@ -515,12 +489,11 @@ def drawn_urdf(
             "the "
             f"robot's own legs, as a course has them that names a robot's file"
         )
-    rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
     shares = sum(_LIMB_SHARES.values()) * len(limbs)
     size = float(np.mean([limb.reach_m for limb in limbs])) / USUAL_REACH_M
     out = float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in limbs]))
     radius, height = 0.75 * max(out, size * _LEAST_BODY_M), size * BODY_HEIGHT_M
-    mass = mass_kg * (1.0 - shares)
+    mass = robot.mass_kg * (1.0 - shares)
     side, axial = mass * (3.0 * radius**2 + height**2) / 12.0, mass * radius**2 / 2.0
     body = _link(
         "body",
@@ -529,13 +502,13 @@ def drawn_urdf(
         0.0,
         f'<cylinder radius="{radius:.9g}" length="{height:.9g}"/>',
     )
-    parts = [part for limb in limbs for part in _limb(limb, mass_kg, servo, rotor)]
+    parts = [part for limb in limbs for part in _limb(limb, robot.mass_kg, servo)]
     return "\n".join(
         ['<?xml version="1.0"?>', f"<robot name={_quoted(name)}>", body, *parts, "</robot>", ""]
     )
 
 
-def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
+def _limb(limb: Limb, mass_kg: float, servo: Servo) -> list[str]:
     """Links and joints of one limb."""
     name, lengths, size = limb.name, link_lengths(limb), limb.reach_m / USUAL_REACH_M
     slim, round_, foot = (size * each for each in (_LINK_RADIUS_M, _SHOULDER_M, FOOT_RADIUS_M))
@@ -544,7 +517,7 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
         _link(
             f"{name}_{link}",
             mass[link],
-            (0.4 * mass[link] * round_**2 + rotor,) * 3,
+            (0.4 * mass[link] * round_**2,) * 3,
             0.0,
             f'<sphere radius="{round_:.9g}"/>',
         )
@@ -554,7 +527,7 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
         along = mass[link] * slim**2 / 2.0
         across = mass[link] * (length**2 / 12.0 + slim**2 / 4.0)
         shape = f'<cylinder radius="{slim:.9g}" length="{length:.9g}"/>'
-        inertia = (along + rotor, across + rotor, across + rotor)
+        inertia = (along, across, across)
         parts.append(_link(f"{name}_{link}", mass[link], inertia, 0.5 * length, shape))
     grain = 0.4 * mass["foot"] * foot**2
     parts.append(
@@ -610,13 +583,13 @@ _OUTWARD, _DOWN = 0.15 / 0.35, 0.2 / 0.35
 """Where the feet of legs that are drawn up stand, as shares of their reach."""
 
 
-def drawn_model(name: str, mass_kg: float, limbs: Sequence[Limb], servo: Servo) -> RobotModel:
+def drawn_model(robot: Robot, servo: Servo) -> RobotModel:
     """The model of ``drawn_urdf``, every joint driven by this servo.
 
     Raises InvalidInput for limbs that are no balls with a point foot.
     """
-    reaches = tuple((limb.name, limb.reach_m) for limb in limbs)
-    return _drawn_up(drawn_urdf(name, mass_kg, limbs, servo), name, reaches, servo)
+    reaches = tuple((limb.name, limb.reach_m) for limb in robot.limbs)
+    return _drawn_up(drawn_urdf(robot, servo), robot.name, reaches, servo)
 
 
 @lru_cache(maxsize=16)  # a run asks for the model of its robot half a dozen times

@@ -9,7 +9,7 @@ joints from the base outward; pinocchio has an order of its own, by name, which 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -353,14 +353,6 @@ class RobotModel:
         raise InvalidInput(f"leg: expected one of {', '.join(self.leg_names)}, got {shown(name)}")
 
     @property
-    def carried_nm(self) -> float:
-        """Torque that holds the robot's whole weight at the end of one leg [Nm]. Guesses of what its
-        drives can do are shares of it.
-        """
-        length_m = float(np.mean([leg.chain.length_m for leg in self.legs]))
-        return self.mass_kg * GRAVITY_M_S2 * length_m
-
-    @property
     def drive(self) -> tuple[float, float, float]:
         """Kp [Nm/rad], Kd [Nm s/rad] and the rotor's inertia behind the gears [kg m²] of every
         joint, where no file of actuators says them: the servo's where legs are drawn up, else those
@@ -371,8 +363,11 @@ class RobotModel:
         if self.servo is not None:
             return self.servo.stiffness_nm_rad, self.servo.damping_nms_rad, self.servo.rotor_kg_m2
         soles = any(leg.sole is not None for leg in self.legs)
-        stiffness = (_IN_SERIES if soles else 1.0) * _STIFFNESS * self.carried_nm
-        return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * self.carried_nm
+        # holds the robot's whole weight at the end of one leg
+        carried_nm = self.mass_kg * GRAVITY_M_S2
+        carried_nm *= float(np.mean([leg.chain.length_m for leg in self.legs]))
+        stiffness = (_IN_SERIES if soles else 1.0) * _STIFFNESS * carried_nm
+        return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * carried_nm
 
     @cached_property
     def rotors_kg_m2(self) -> Array:
@@ -487,10 +482,10 @@ def model_of(
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
         model, found, held = _legs(root, text, shapes, named, contacts)
         text = ElementTree.tostring(root, encoding="unicode") if held else text
-        legs, indices, guessed, doubted, lacks = found
+        legs, guessed, doubted, lacks = found
         guesses = [*held, *guessed]
         standing_in = _mounts(model, legs, at_rest(model))
-        rounded, balls = with_balls(root, legs, shapes, standing_in, indices)
+        rounded, balls = with_balls(root, legs, shapes, standing_in)
         if balls:
             text, again = rounded, shapes_of(parsed(rounded, where), folder, packages)[0]
             shapes = with_same_hulls(again, shapes)
@@ -512,7 +507,9 @@ def model_of(
     doubts += [] if mjcf is None else mjcf.doubts_of(moved)
     doubts += [(f"joint {name}", why) for name, why in limit_doubts(root) if name in moved]
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]
-    doubts += _speed_doubts(root, legs, moved)
+    doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
+    unsaid = f"no velocity limit, taken for {GUESSED_RAD_S:g} rad/s, not for leaps"
+    doubts += [(f"joint {name}", unsaid) for name in speed_doubts(root) if name in moved]
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     doubts += [*shape_doubts(root, legs, shapes, mounts), *unknown_doubts(root)]
     doubts += [(f"link {each}", "a shape of no size, which is left out") for each in empty]
@@ -533,15 +530,6 @@ def model_of(
     if not balls:
         vars(made).update(tree=root, built=model)
     return made
-
-
-def _speed_doubts(
-    root: Element, legs: Sequence[Leg], moved: Collection[str]
-) -> list[tuple[str, str]]:
-    """Doubts about joints that slide, and about those without a limit of their velocity."""
-    guessed = f"no velocity limit, taken for {GUESSED_RAD_S:g} rad/s, not for leaps"
-    slow = [(f"joint {name}", guessed) for name in speed_doubts(root) if name in moved]
-    return [*((f"joint {name}", text) for name, text in _sliding(legs)), *slow]
 
 
 def _legs(

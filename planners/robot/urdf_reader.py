@@ -24,7 +24,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput, installed
-from ..files.arrays import LARGEST
+from ..files.arrays import LARGEST, Array
 from ..files.documents import parse_xml, shown
 from .leg import rotation_of
 from .meshes import numbers_of, pose_of, write_pose
@@ -258,6 +258,21 @@ def base_joint(model: Any) -> int:
     while len(below := model.children[base]) == 1 and model.joints[below[0]].nq == 7:
         base = int(below[0])
     return base
+
+
+def axes_of(model: Any) -> dict[int, tuple[Array, bool]]:
+    """Unit vector along the axis of every joint below the base of pinocchio's model, in the joint's
+    own frame, shape (3,), and whether it slides; of a joint of several angles of the first.
+    """
+    pin, data = pinocchio(), model.createData()
+    pin.computeJointJacobians(model, data, pin.neutral(model))
+    axes = dict[int, tuple[Array, bool]]()
+    for j in range(base_joint(model) + 1, model.njoints):
+        twist = pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL)
+        along, about = np.split(twist[:, model.joints[j].idx_v], 2)
+        slides = bool(np.linalg.norm(about) < 0.5)
+        axes[j] = (along if slides else about, slides)
+    return axes
 
 
 def at_rest(model: Any) -> Any:

@@ -31,7 +31,7 @@ from ..files.codec import LATER, from_json
 from ..files.documents import YAML, read_text, read_yaml, validated
 from .hulls import Polytope
 from .leg import Leg
-from .meshes import Shape, shape_points, solid_shapes
+from .meshes import Shape, link_points, solid_shapes
 from .model import DEEPEST, Foot, LegLimits, Limb, Robot, half_sides, hexapod, no_legs, robot_of
 from .reach_sets import Sets, Workspace, limbs_over, soles_apart, standing_toes, workspaces_of
 from .robot_file import (
@@ -510,10 +510,8 @@ def _trunk(model: RobotModel) -> Array:
     corners = []
     for shape in solid_shapes(model.shapes):
         mount = model.mounts[shape.link]
-        if mount.leg is None and (points := shape_points(shape)) is not None:
-            corners.append(
-                (shape.origin_m + points @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
-            )
+        if mount.leg is None and (points := link_points(shape)) is not None:
+            corners.append(mount.placed(points))
     if not corners:
         raise InvalidInput(
             "trunk_half_m: expected shapes of the base, found none: say it in a YAML file"

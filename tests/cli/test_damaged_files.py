@@ -31,7 +31,7 @@ from stancekit.cli.verify import Verify
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.robot.leg import Servo
-from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
+from stancekit.planners.robot.robot_file import drawn_urdf, joint_names
 from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said
 from tests.damage.files import make_files
@@ -193,7 +193,7 @@ def test_a_robot_of_any_name_is_a_whole_urdf() -> None:
         for k in range(3)
     )
     robot = Robot(name=NAME, mass_kg=3.0, limbs=limbs, drawn=Servo())
-    tree = ET.fromstring(hexapod_urdf(robot))
+    tree = ET.fromstring(drawn_urdf(robot))
     assert tree.attrib["name"] == NAME
     movable = [
         joint.attrib["name"] for joint in tree.iter("joint") if joint.attrib["type"] == "revolute"
@@ -234,7 +234,7 @@ CUT_OFF = (
 
 def with_mesh(path: Path, link: str, mesh: str) -> Path:
     """The hexapod with a mesh as the only shape of a link."""
-    text = hexapod_urdf(hexapod())
+    text = drawn_urdf(hexapod())
     shape = f'<collision><geometry><mesh filename="{mesh}"/></geometry></collision>'
     shape += shape.replace("collision", "visual")
     whole = re.sub(
@@ -265,7 +265,7 @@ def test_a_mesh_that_is_cut_off_is_no_mesh_and_no_end_of_the_process(
     tmp_path: Path, link: str
 ) -> None:
     (tmp_path / "cut.ply").write_bytes(CUT_OFF)
-    name = link if f'<link name="{link}">' in hexapod_urdf(hexapod()) else _base()
+    name = link if f'<link name="{link}">' in drawn_urdf(hexapod()) else _base()
     robot = with_mesh(tmp_path / "robot.urdf", name, "cut.ply")
     code, out, err = command(("robot", str(robot), "--json"))
     assert (code, err) == (0, "")
@@ -276,7 +276,7 @@ def test_a_mesh_that_is_cut_off_is_no_mesh_and_no_end_of_the_process(
 
 
 def _base() -> str:
-    found = re.search(r'<link name="([^"]+)"', hexapod_urdf(hexapod()))
+    found = re.search(r'<link name="([^"]+)"', drawn_urdf(hexapod()))
     return found[1]
 
 
@@ -284,10 +284,8 @@ def _base() -> str:
 def test_an_angle_of_an_srdf_that_is_none_is_said_with_its_joint(
     tmp_path: Path, value: str
 ) -> None:
-    (tmp_path / "six.urdf").write_text(hexapod_urdf(hexapod()))
-    joint = next(
-        iter(re.findall(r'<joint name="([^"]+)" type="revolute"', hexapod_urdf(hexapod())))
-    )
+    (tmp_path / "six.urdf").write_text(drawn_urdf(hexapod()))
+    joint = next(iter(re.findall(r'<joint name="([^"]+)" type="revolute"', drawn_urdf(hexapod()))))
     (tmp_path / "bad.srdf").write_text(
         f'<robot name="six"><group_state name="standing" group="all"><joint name="{joint}" value="{value}"/>'
         "</group_state></robot>"
@@ -443,7 +441,7 @@ def test_a_broken_mesh_that_is_only_seen_is_a_doubt_where_it_is_drawn(tmp_path: 
     (tmp_path / "cut.ply").write_bytes(CUT_OFF)
     robot = tmp_path / "robot.urdf"
     seen = '<visual><geometry><mesh filename="cut.ply"/></geometry></visual></link>'
-    robot.write_text(hexapod_urdf(hexapod()).replace("</link>", seen, 1))
+    robot.write_text(drawn_urdf(hexapod()).replace("</link>", seen, 1))
     answers = []
     for more in ((), ("--picture", str(tmp_path / "robot.png"))):
         code, out, err = command(("robot", str(robot), "--json", *more))

@@ -26,7 +26,7 @@ from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
+from stancekit.planners.robot.robot_file import drawn_urdf, joint_names
 from stancekit.planners.robot.walker import hexapod_walker, named_walker
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
@@ -153,7 +153,7 @@ def _gaits(folder: Path) -> None:
 def _robots(folder: Path) -> None:
     (folder / "robot.yaml").write_text(config_path("robots/anymal.yaml").read_text())
     robot = hexapod()
-    (folder / "robot.urdf").write_text(hexapod_urdf(robot))
+    (folder / "robot.urdf").write_text(drawn_urdf(robot))
     (folder / "dog.urdf").write_text(quadruped())
     angles = "".join(
         f'<joint name="{leg}_{joint}" value="{angle}"/>'

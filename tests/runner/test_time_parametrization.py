@@ -24,7 +24,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.bodies import TOUCH_M
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 from stancekit.planners.robot.model import robot_of
-from stancekit.planners.robot.robot_file import Servo, hexapod_urdf
+from stancekit.planners.robot.robot_file import Servo, drawn_urdf
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
@@ -137,7 +137,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     """
     limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), plan_motion(plan).at(0.0)
     pin = pinocchio()
-    model = pin.buildModelFromXML(hexapod_urdf(plan.problem.robot))  # the body stays where it is
+    model = pin.buildModelFromXML(drawn_urdf(plan.problem.robot))  # the body stays where it is
     data = model.createData()
     air = replace(sample, foothold=np.full(6, -1))
     rng = np.random.default_rng(0)

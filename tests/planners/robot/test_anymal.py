@@ -14,7 +14,7 @@ from stancekit import Answer, Motion
 from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.formats.motion_file import check_file, read_motion, write_motion
 from stancekit.planners.robot import walker as walkers
-from stancekit.planners.robot.inverse_kinematics import Seeds
+from stancekit.planners.robot.inverse_kinematics import InverseKinematics
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.walker import anymal, legged_anymal, named_walker
@@ -71,7 +71,7 @@ def test_its_legs_reach_all_of_its_boxes(walker: Robot, model: RobotModel) -> No
         sine = np.sin(tilt)
         normals = np.column_stack([sine * np.cos(turn), sine * np.sin(turn), np.cos(tilt)])
         centres = toes + leg.radius_m * normals + model.com_m
-        _, error = Seeds(leg, leg.random_angles(8000, rng)).solve(centres)
+        _, error = InverseKinematics([leg], [leg.random_angles(8000, rng)]).solve(centres[:, None])
         assert error.max() < 1e-4, leg.name
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.meshes import Kind, Shape
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
+from stancekit.planners.robot.robot_file import drawn_urdf, named_robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.obstacles import Obstacles
@@ -297,7 +297,7 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
     patches = (level(), wall, level(0.25, 0.1))
     solver = Kinematics(walker)
     made = Bodies(solver, Obstacles.of(patches))
-    spec = mujoco.MjSpec.from_string(hexapod_urdf(walker))
+    spec = mujoco.MjSpec.from_string(drawn_urdf(walker))
     spec.compiler.fusestatic = False
     spec.body("body").add_freejoint()
     for first, second in made.drawn_so:

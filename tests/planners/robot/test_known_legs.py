@@ -23,7 +23,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import Servo
 from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.reach_sets import workspaces_of
-from stancekit.planners.robot.robot_file import hexapod_urdf, joint_names
+from stancekit.planners.robot.robot_file import drawn_urdf, joint_names
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot, sets_of
 from stancekit.planners.search.plan_course import plan_course
@@ -150,7 +150,7 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
     assert other.drawn is None
     from stancekit.configs import config_path
 
-    assert config_path("robots/hexapod.urdf").read_text(encoding="utf-8") == hexapod_urdf(hexapod())
+    assert config_path("robots/hexapod.urdf").read_text(encoding="utf-8") == drawn_urdf(hexapod())
 
 
 def test_a_plan_of_unknown_legs_has_no_joints(plan: Motion) -> None:

@@ -103,27 +103,25 @@ def test_a_file_is_read_once_and_kept_thinned(
     (tmp_path / "ball.obj").write_text("\n".join(lines))
     scale = np.array([2.0, 2.0, 2.0])
     first = thinned_mesh(tmp_path / "ball.obj", scale, 500)
-    assert first is not None
     assert 100 < len(first.faces) <= 500
     assert np.ptp(first.vertices_m, axis=0) == pytest.approx(4.0, rel=0.2)
     (kept,) = (tmp_path / "cache" / "meshes").iterdir()
     with monkeypatch.context() as patch:
         patch.setattr(meshes, "read_mesh", lambda *_: pytest.fail("read again"))
         again = thinned_mesh(tmp_path / "ball.obj", scale, 500)
-    assert again is not None
     np.testing.assert_array_equal(again.faces, first.faces)
     np.testing.assert_allclose(again.vertices_m, first.vertices_m, atol=1e-6)
     kept.write_bytes(kept.read_bytes()[:100])
     anew = thinned_mesh(tmp_path / "ball.obj", scale, 500)
-    assert anew is not None
     np.testing.assert_array_equal(anew.faces, first.faces)
 
 
-def test_what_is_no_mesh_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_mesh_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "broken.stl").write_bytes(b"solid nothing")
     for name in ("broken.stl", "none.dae"):
         with refuses(name):
             read_mesh(tmp_path / name, np.ones(3))
-        assert thinned_mesh(tmp_path / name, np.ones(3), 10) is None
+        with refuses(name):
+            thinned_mesh(tmp_path / name, np.ones(3), 10)
     assert not (tmp_path / "cache").exists()

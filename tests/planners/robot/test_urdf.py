@@ -7,12 +7,12 @@ import pytest
 
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import link_lengths
-from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, drawn_urdf, joint_names
 from tests.refusals import refuses
 
 
 def parsed(**options: bool) -> ElementTree.Element:
-    return ElementTree.fromstring(hexapod_urdf(hexapod(), **options))
+    return ElementTree.fromstring(drawn_urdf(hexapod(), **options))
 
 
 def test_it_has_four_joints_a_limb_and_a_foot_that_is_a_sphere() -> None:
@@ -52,9 +52,8 @@ def test_a_straight_limb_is_longer_than_the_reach_and_a_foot() -> None:
         assert link_lengths(limb).sum() > limb.reach_m + FOOT_RADIUS_M
 
 
-@pytest.mark.parametrize("rotors_in_links", [False, True])
-def test_every_inertia_is_one_that_a_body_can_have(rotors_in_links: bool) -> None:
-    links = parsed(rotors_in_links=rotors_in_links).findall("link")
+def test_every_inertia_is_one_that_a_body_can_have() -> None:
+    links = parsed().findall("link")
     assert len(links) == 31
     for link in links:
         inertia = link.find("inertial/inertia")
@@ -67,7 +66,7 @@ def test_every_inertia_is_one_that_a_body_can_have(rotors_in_links: bool) -> Non
 def test_pinocchio_reads_limits_and_masses_as_they_were_meant() -> None:
     pin = pytest.importorskip("pinocchio")
     servo = Servo(torque_nm=12.0, velocity_rad_s=3.0)
-    model = pin.buildModelFromXML(hexapod_urdf(hexapod(), servo), pin.JointModelFreeFlyer())
+    model = pin.buildModelFromXML(drawn_urdf(hexapod(), servo), pin.JointModelFreeFlyer())
     assert list(model.names)[2:] == list(joint_names(hexapod()))
     np.testing.assert_allclose(model.lowerPositionLimit[7:], np.tile(servo.lower_rad, 6))
     np.testing.assert_allclose(model.upperPositionLimit[7:], np.tile(servo.upper_rad, 6))

@@ -10,9 +10,9 @@ import pytest
 
 from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.robot.hulls import Polytope
-from stancekit.planners.robot.inverse_kinematics import Seeds
+from stancekit.planners.robot.inverse_kinematics import InverseKinematics
 from stancekit.planners.robot.model import Robot, hexapod
-from stancekit.planners.robot.robot_file import hexapod_urdf, named_robot
+from stancekit.planners.robot.robot_file import drawn_urdf, named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import anymal, named_walker, walker_of
 from tests.refusals import refuses
@@ -88,7 +88,9 @@ def test_toes_in_the_boxes_are_reached_whichever_way_the_ground_faces(walker: Ro
         normals = rng.normal(size=(1000, 3))
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
         centres = toes + each.radius_m * normals + model.com_m
-        _, error = Seeds(each, each.random_angles(8000, rng)).solve(centres)
+        _, error = InverseKinematics([each], [each.random_angles(8000, rng)]).solve(
+            centres[:, None]
+        )
         assert np.mean(error > 1e-4) <= 0.006
         assert np.prod(foot.reach_max_m - foot.reach_min_m) > 0.002
 
@@ -138,7 +140,7 @@ ceiling_m: -0.1
 
 
 def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
-    (tmp_path / "six.urdf").write_text(hexapod_urdf(hexapod()))
+    (tmp_path / "six.urdf").write_text(drawn_urdf(hexapod()))
     (tmp_path / "six.yaml").write_text(
         "urdf: six.urdf\nfeet: [LF_foot, RF_foot, LR_foot, RR_foot]\ntrunk_half_m: [0.1, 0.1, 0.04]\n"
     )

@@ -12,11 +12,11 @@ from scipy.spatial import ConvexHull
 
 from stancekit.planners.robot import hexapod, reach_sets as sets
 from stancekit.planners.robot.hulls import Polytope
-from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, Seeds, descend
+from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, descend
 from stancekit.planners.robot.leg import Chain, Joint, Leg
 from stancekit.planners.robot.outer_sets import directions_of, enclosing_ball, foot_cloud
 from stancekit.planners.robot.reach_sets import Workspace, workspace_of, workspaces_of
-from stancekit.planners.robot.robot_file import hexapod_model, hexapod_urdf
+from stancekit.planners.robot.robot_file import drawn_urdf, hexapod_model
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from tests.planners.robot.small_urdfs import HIPS, joint, leg, link, quadruped, robot
 from tests.refusals import refuses
@@ -29,7 +29,7 @@ Measured = tuple[RobotModel, tuple[Workspace, ...]]
 @pytest.fixture(scope="module", params=["hexapod", "quadruped"])
 def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Measured:
     limbs = hexapod().limbs[:2]
-    two = hexapod_urdf(replace(hexapod(), limbs=limbs))
+    two = drawn_urdf(replace(hexapod(), limbs=limbs))
     model = model_of(two) if request.param == "hexapod" else model_of(quadruped(("RF", "LH")))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STANCEKIT_CACHE", str(tmp_path_factory.mktemp("cache")))
@@ -132,7 +132,7 @@ def test_inner_sets_are_reached_and_cover_most_of_what_is_of_use(measured: Measu
         assert workspace.cover >= 0.6
         assert workspace.unreachable <= 0.006
         points = workspace.inner.sample(1000, rng)
-        _, error = Seeds(each, each.random_angles(8000, rng)).solve(points)
+        _, error = InverseKinematics([each], [each.random_angles(8000, rng)]).solve(points[:, None])
         assert np.mean(error <= REACHED_M) >= 0.99
 
 
@@ -255,12 +255,14 @@ def test_inverse_kinematics_finds_what_forward_kinematics_made_and_keeps_limits(
 ) -> None:
     model, _ = measured
     rng = np.random.default_rng(4)
-    legs = InverseKinematics([Seeds(each, each.random_angles(8000, rng)) for each in model.legs])
+    legs = InverseKinematics(model.legs, [each.random_angles(8000, rng) for each in model.legs])
     feet = np.stack([each.chain.feet(each.random_angles(300, rng)) for each in model.legs], axis=1)
     found, error_m = legs.solve(feet)
     assert (error_m <= REACHED_M).mean() >= 0.99
-    for i, each in enumerate(model.legs):
-        angles = found[i]
+    ends = np.cumsum([len(each.joints) for each in model.legs])
+    for i, (each, angles) in enumerate(
+        zip(model.legs, np.split(found, ends[:-1], axis=1), strict=True)
+    ):
         assert np.all((angles >= each.lower_rad) & (angles <= each.upper_rad))
         np.testing.assert_allclose(
             np.linalg.norm(each.chain.feet(angles) - feet[:, i], axis=1),
@@ -271,10 +273,11 @@ def test_inverse_kinematics_finds_what_forward_kinematics_made_and_keeps_limits(
 
 def test_a_posture_near_the_foot_is_kept_to() -> None:
     each = hexapod_model().legs[0]
-    seeds = Seeds(each, each.random_angles(2000, np.random.default_rng(0)))
+    solver = InverseKinematics([each], [each.random_angles(2000, np.random.default_rng(0))])
     near = np.array([[0.2, -0.4, 0.3, 1.2]])
-    angles, error = seeds.solve(each.chain.feet(near) + np.array([0.002, 0.0, 0.0]), near=near)
-    assert error[0] <= REACHED_M
+    feet = each.chain.feet(near) + np.array([0.002, 0.0, 0.0])
+    angles, error = solver.solve(feet[:, None], near=near)
+    assert error[0, 0] <= REACHED_M
     assert np.abs(angles - near).max() < 0.05
 
 
@@ -295,6 +298,6 @@ def test_joints_that_turn_freely_pass_the_end_of_their_range() -> None:
 
 def test_feet_of_another_shape_are_refused() -> None:
     each = hexapod_model().legs[0]
-    legs = InverseKinematics([Seeds(each, each.random_angles(50, np.random.default_rng(0)))])
+    legs = InverseKinematics([each])
     with refuses("feet"):
         legs.solve(np.zeros((2, 6, 3)))

@@ -23,7 +23,7 @@ from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.robot_file import hexapod_urdf
+from stancekit.planners.robot.robot_file import drawn_urdf
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.micp import Decoupled
@@ -506,7 +506,7 @@ def test_plans_with_soles_are_not_executed(climbed):
     with refuses("plan.json"):
         Accepted.verified(plan, "plan.json")
     with refuses("robot biped"):
-        hexapod_urdf(plan.problem.robot)
+        drawn_urdf(plan.problem.robot)
     assert check_plan(plan, joints=True).group("joints").verdict == "not checked"
 
 
