@@ -15,7 +15,7 @@ from rich.console import Console
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, grid, out, stages
-from .evaluate import score_table
+from .fit import score_table
 from .options import ROBOT, TERRAIN, OptionalFloat, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ import pytest
 import yaml
 
 from stancekit.cli.main import main, run
-from stancekit.cli.replay import Replay
-from stancekit.cli.run import RunMotion
+from stancekit.cli.run import Replay, RunMotion
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import write_boxes
