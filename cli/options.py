@@ -353,21 +353,17 @@ class FileMeaning:
         """
         from stancekit.planners.terrain.import_options import ImportOptions
 
-        import_settings: dict[str, Any] = {
-            name: getattr(self, name) for name in ("kind", "unit_m", "up", "holes")
-        } | {"spacing_m": spacing_m}
-        if self.heights_m is not None:
-            import_settings["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
-        if self.offset_m is not None:
-            import_settings["offset_m"] = numbers(self.offset_m, "--offset-m", float, 3)
-        if self.crop_m is not None:
-            import_settings["crop_m"] = numbers(
-                self.crop_m, "--crop-m", float, 6 if self.crop_m.count(",") > 3 else 4
-            )
-        if self.most_triangles is not None:
-            import_settings["most_triangles"] = self.most_triangles
+        names = ("kind", "unit_m", "up", "holes", "most_triangles")
+        given = {name: getattr(self, name) for name in names} | {"spacing_m": spacing_m}
+        for name, text, count in (
+            ("height_m", self.heights_m, 2),
+            ("offset_m", self.offset_m, 3),
+            ("crop_m", self.crop_m, 6 if (self.crop_m or "").count(",") > 3 else 4),
+        ):
+            option = "--heights-m" if name == "height_m" else f"--{name.replace('_', '-')}"
+            given[name] = None if text is None else numbers(text, option, float, count)
         with in_options():
-            return ImportOptions(**import_settings)
+            return ImportOptions(**{k: v for k, v in given.items() if v is not None})
 
 
 @dataclass
@@ -506,35 +502,3 @@ def heading(text: str, way: Array, option: str = "--heading") -> float:
         raise InvalidInput(
             f"{option}: expected an angle in rad, or goal, got {shown(text)}"
         ) from None
-
-
-def in_gait_options(message: str) -> str:
-    """A task's message with the names of its fields as the options that gave them."""
-    names = {
-        "time_limit_s": "total_s",
-        "start_yaw_rad": "heading",
-        "end_yaw_rad": "heading_end",
-    }
-    parts = []
-    for part in message.split("; "):
-        name, colon, rest = part.partition(":")
-        same = (
-            "start",
-            "goal",
-            "duration_s",
-            "friction",
-            "gait",
-            "cycle_s",
-            "timings",
-            "adhesive",
-            "footing",
-            "robot",
-            "seeds",
-            "seed",
-            "max_iterations",
-            "dynamics",
-            "hessian",
-        )
-        known = names.get(name, name if name in same else "")
-        parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
-    return "; ".join(parts)

@@ -49,8 +49,7 @@ if TYPE_CHECKING:
     from stancekit.runner.report import Execution
     from stancekit.runner.safety.estop import Source
     from stancekit.runner.safety.guard import Ended
-    from stancekit.runner.worlds.settings import EstopCheck
-    from stancekit.runner.worlds.world import JointBus
+    from stancekit.runner.worlds.world import EstopCheck, JointBus
 
 
 _BUSY = 1.0
@@ -328,7 +327,7 @@ class RunMotion:
         from stancekit.planners.robot.leg import read_actuators
         from stancekit.runner.acceptance import Accepted
         from stancekit.runner.safety.estop import on_signals
-        from stancekit.runner.worlds.settings import SoftContact, WorldSettings
+        from stancekit.runner.worlds.world import SoftContact, WorldSettings
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
@@ -336,14 +335,12 @@ class RunMotion:
         with as_options("speed_rad_s", "friction_share", "least_push"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
-        with as_options("friction_share", "wrench", "blind", "policy", "least_push"):
+        given = ("friction_share", "wrench", "blind", "policy", "least_push")
+        with as_options(*given, timing="pace"):
             try:
                 check_run(request, self.world, settings, led=led)
             except InvalidInput as error:
-                message = (
-                    str(error).replace("got a policy", "got --policy").replace("timing:", "--pace:")
-                )
-                raise InvalidInput(message) from None
+                raise InvalidInput(str(error).replace("got a policy", "got --policy")) from None
         with ExitStack() as stack:
             with as_options(
                 "setup", "rate_hz", "actuators", "contact_stiffness_n_m", "contact_damping_ns_m"
@@ -583,7 +580,7 @@ class Simulate:
         from stancekit.motions import WORLDS, accepted_of, check_run, simulate
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.motion.plan_motion import Timing
-        from stancekit.runner.worlds.settings import SoftContact, WorldSettings
+        from stancekit.runner.worlds.world import SoftContact, WorldSettings
 
         checked(self.pace, "--pace", least=0.1, most=4.0)
         check_drawn(self.picture, self.video)
@@ -595,11 +592,8 @@ class Simulate:
             )
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
-        try:
-            with as_options("world"):
-                check_run(accepted, self.world, settings, led=False)
-        except InvalidInput as error:
-            raise InvalidInput(str(error).replace("timing:", "--pace:")) from None
+        with as_options("world", timing="pace"):
+            check_run(accepted, self.world, settings, led=False)
         world: str | JointBus = self.world
         with as_options("world", "contact_stiffness_n_m", "contact_damping_ns_m"):
             contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)

@@ -306,7 +306,7 @@ class McapLog(Log):
         """
         if self._lost:
             return
-        data = json.dumps(_plain(content), allow_nan=False, separators=(",", ":")).encode()
+        data = json.dumps(plain(content), allow_nan=False, separators=(",", ":")).encode()
         with self._named():
             stream = self._stream or self._begin()
             now = self._clock()
@@ -498,12 +498,12 @@ def _records(path: Path) -> Iterator[Any]:
         yield record
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """JSON-ready: arrays as lists, what is not finite as null."""
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist()) if not np.isfinite(value).all() else value.tolist()
+        return plain(value.tolist()) if not np.isfinite(value).all() else value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

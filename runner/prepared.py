@@ -23,8 +23,13 @@ from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import Accepted, check_fits, check_joints, check_stands
 from .control.tracker import Target, Tracker
-from .motion.bodies import motion_bodies
-from .motion.redundancy import RedundancyResolution, load_transfer, mean_forces, resolved
+from .motion.redundancy import (
+    RedundancyResolution,
+    load_transfer,
+    mean_forces,
+    motion_bodies,
+    resolved,
+)
 from .motion.time_parametrization import (
     BLIND,
     LIMIT_SHARE,

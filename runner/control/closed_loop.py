@@ -42,7 +42,7 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
-from ..log import Record
+from ..log import Record, plain
 from ..prepared import Prepared, Resumption, Tracked
 from ..run import Runner
 from ..safety.guard import Ended
@@ -302,11 +302,8 @@ class LoopReport:
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as JSON-ready values; a number that is not finite becomes None."""
-        numbers = {
-            n: None if isinstance(v, float) and not np.isfinite(v) else v
-            for n, v in self.__dict__.items()
-        }
-        return numbers | {"ended": self.ended.to_json(), "friction": self.friction.to_json()}
+        nested = {"ended": self.ended.to_json(), "friction": self.friction.to_json()}
+        return dict(plain(vars(self) | nested))
 
 
 Answer = TypeVar("Answer")
@@ -350,18 +347,6 @@ def _retreat(motion: Played, frame: int) -> Played:
         )
 
     return Played(at=at, knots_s=np.linspace(0.0, duration_s, _KNOTS), solids=motion.solids)
-
-
-def _step_back(runner: Runner, prepared: Prepared, frame: int, state: State) -> Record:
-    """Undo the step to a key frame of a plan, from where the robot was measured; what was measured
-    on the way.
-
-    Raises Stopped, HardwareFault.
-    """
-    retreat, record = _retreat(prepared.motion, frame), Record()
-    tracked = _tracked(runner, prepared.kinematics, retreat, state)
-    runner.follow(replace(tracked, sees=prepared.sees), record)
-    return record
 
 
 _NEXT = 3
@@ -531,7 +516,9 @@ class ClosedLoop:
                 f"limb {plan.problem.robot.limb_names[limb]}: nothing at frame {self._frame}"
             )
             runner.decide("step back", self._surfaces[-1])
-        back = _step_back(runner, prepared, self._frame - begun, state)
+        retreat, back = _retreat(prepared.motion, self._frame - begun), Record()
+        tracked = _tracked(runner, prepared.kinematics, retreat, state)
+        runner.follow(replace(tracked, sees=prepared.sees), back)
         self._count(back, begun)
         for patch, toe_m in places:
             self._planning.course = without(self._planning.course, patch, toe_m, self._frame + 1)

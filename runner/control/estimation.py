@@ -167,16 +167,17 @@ class _Offsets:
             replace(
                 foothold,
                 candidates=tuple(map(moved, foothold.candidates)),
-                toe_m=None if foothold.toe_m is None else foothold.toe_m + _shift(foothold, moved),
+                toe_m=None
+                if foothold.toe_m is None
+                else foothold.toe_m
+                + (
+                    moved(foothold.candidates[0]).vertices_m[0]
+                    - foothold.candidates[0].vertices_m[0]
+                ),
             )
             for foothold in course.footholds
         )
         return replace(course, terrain=tuple(map(moved, course.terrain)), footholds=footholds)
-
-
-def _shift(foothold: Foothold, moved: Callable[[Patch], Patch]) -> Array:
-    patch = foothold.candidates[0]
-    return np.asarray(moved(patch).vertices_m[0] - patch.vertices_m[0])
 
 
 def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinematics) -> _Offsets:

@@ -19,8 +19,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo
 
 from .drives import Drives
-from .settings import WorldSettings
-from .world import JointBus, State, Terrain, WorldKind, check_state
+from .world import JointBus, State, Terrain, WorldKind, WorldSettings, check_state
 
 
 class ReplayWorld(JointBus):

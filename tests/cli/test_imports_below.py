@@ -136,7 +136,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.robot.leg",
             "runner.acceptance",
             "runner.settings",
-            "runner.worlds.settings",
+            "runner.worlds.world",
         ),
     },
     "solve": {
