@@ -314,6 +314,8 @@ _OF_FILES = (
     "grid_m",
 )
 
+_OF_WALKS = ("heights_m", "smooth_m")
+"""Options of files that are no field of ``ImportOptions`` by this name."""
 OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
 """How the options of a ``TerrainFile`` are shown."""
 
@@ -346,15 +348,14 @@ class FileMeaning:
     heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
     """Heights of black and white in a .png [m]."""
 
-    def options(self, spacing_m: float = 0.05) -> ImportOptions:
-        """Import options that the reader wants, with a grid's spacing.
+    def asked(self) -> ImportOptions:
+        """Import options that the reader wants.
 
         Raises InvalidInput.
         """
         from stancekit.planners.terrain.import_options import ImportOptions
 
-        names = ("kind", "unit_m", "up", "holes", "most_triangles")
-        given = {name: getattr(self, name) for name in names} | {"spacing_m": spacing_m}
+        given = {name: value for name, value in vars(self).items() if name not in _OF_WALKS}
         for name, text, count in (
             ("height_m", self.heights_m, 2),
             ("offset_m", self.offset_m, 3),
@@ -386,13 +387,6 @@ class TerrainFile(FileMeaning):
 
         with in_options():
             return heights(name, smooth_m=self.smooth_m, **vars(self.asked()))
-
-    def asked(self) -> ImportOptions:
-        """Import options that the reader wants.
-
-        Raises InvalidInput.
-        """
-        return self.options(self.spacing_m)
 
 
 @dataclass

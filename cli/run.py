@@ -17,7 +17,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, err, facts, out, progress, say_written
+from .console import as_options, complain, emit, err, facts, out, progress, say_written, tell
 from .options import (
     OptionalFloat,
     OptionalInt,
@@ -722,11 +722,8 @@ class Replay:
             from stancekit.views.sheet import save
 
             save(draw_tracking(recorded), self.picture)
-        if self.json:
-            emit(record)
-        else:
-            out.print(_replay_table(record))
-            say_written(self.picture, word="written: {}")
+        tell(self.json, record, _replay_table(record))
+        say_written(*(() if self.json else (self.picture,)), word="written: {}")
         return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1
 
 

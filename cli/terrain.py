@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import as_options, emit, facts, out, progress, say_written, tell
+from .console import as_options, facts, progress, say_written, tell
 from .options import (
     OF_FILE,
     FileMeaning,
@@ -109,13 +109,11 @@ class ShowTerrain:
             if Path(self.terrain).exists() and ".py" not in self.terrain
             else {}
         )
-        if self.json:
-            emit({**footholds.to_json(), **({"axes": axes} if axes else {})})
-            return 0
         turned = axes if self.file.up != "z" else {}
         words = ", ".join(f"{axis} is the file's {values}" for axis, values in turned.items())
-        out.print(facts([*_found_rows(footholds), ("axes", words)], "ellipsis"))
-        say_written(self.picture, self.html)
+        table = facts([*_found_rows(footholds), ("axes", words)], "ellipsis")
+        tell(self.json, footholds.to_json() | ({"axes": axes} if axes else {}), table)
+        say_written(*(() if self.json else (self.picture, self.html)))
         return 0
 
     def _found(self) -> Footholds:
@@ -237,7 +235,7 @@ class MapTerrain:
             "spacing_m, headings",
             "grid_m",
         )
-        meaning = vars(self.file.options())
+        meaning = vars(self.file.asked())
         meaning.pop("spacing_m")
         with (
             progress(f"map {Path(self.terrain).name}") as bar,
@@ -270,11 +268,8 @@ class MapTerrain:
             from stancekit.views.sheet import save
 
             save(draw_standing_map(standing), self.picture)
-        if self.json:
-            emit(standing.to_json())
-            return 0
-        out.print(_standing_table(standing))
-        say_written(self.out, self.picture)
+        tell(self.json, standing.to_json(), _standing_table(standing))
+        say_written(*(() if self.json else (self.out, self.picture)))
         return 0
 
 

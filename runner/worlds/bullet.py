@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import installed
 from stancekit.planners.files.arrays import Array, cross
@@ -63,7 +64,7 @@ class BulletWorld(SimulatedWorld):
         bullet.resetBasePositionAndOrientation(
             self._robot,
             (position_m + rotation @ self._heart_m).tolist(),
-            _quaternion(rotation @ self._heart),
+            Rotation.from_matrix(rotation @ self._heart).as_quat().tolist(),
         )
         self._place_joints(angles_rad)
         self._time = 0.0
@@ -323,13 +324,4 @@ class BulletWorld(SimulatedWorld):
 
 def _matrix(quaternion: Sequence[float]) -> Array:
     """The rotation matrix of (x, y, z, w), shape (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
     return np.asarray(Rotation.from_quat(quaternion).as_matrix())
-
-
-def _quaternion(rotation: Array) -> list[float]:
-    """(x, y, z, w) of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    return [float(v) for v in Rotation.from_matrix(rotation).as_quat()]
