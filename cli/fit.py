@@ -30,7 +30,7 @@ from .options import (
 )
 
 if TYPE_CHECKING:
-    from stancekit import Dataset, EnvelopeSet, Learned
+    from stancekit import EnvelopeSet, Learned
     from stancekit.learners.data.executors import Executor
     from stancekit.learners.evaluation.evaluate import Score, Share
     from stancekit.learners.training.reinforce import Trained
@@ -115,27 +115,38 @@ class Fit:
     def run(self) -> int:
         """Fit and write."""
         from stancekit import Modes
+        from stancekit.planners.files.documents import read_yaml
         from stancekit.selectors import fit, rows_of
 
         check_out(self.out)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
-        if self.method in _LEAP_SCORES:
-            return self._scores()
-        rows = [rows_of(folder, self.part, self.robot, self.terrain) for folder in self.dataset]
-        if self.method == _SURROGATE:
-            return self._surrogate(rows)
-        settings, workers = self._settings(), self._executor()
+        scores = self.method in _LEAP_SCORES
+        if scores and len(self.dataset) > 1:
+            raise InvalidInput(
+                f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
+            )
+        rows: Any = self.dataset[0]
+        if not scores:
+            rows = [rows_of(each, self.part, self.robot, self.terrain) for each in self.dataset]
+        if scores or self.method == _SURROGATE:
+            settings = {"seed": self.seed} | ({"part": self.part} if scores else {})
+            settings |= {} if self.config is None else read_yaml(self.config)
+        else:
+            settings = self._settings() | {"workers": self._executor()}
         with progress(f"fit {self.method}") as bar:
-            learned = fit(
+            learned: Any = fit(
                 rows,
                 self.method,
                 calibration=self.calibration,
                 checkpoint=self.checkpoint,
-                workers=workers,
                 progress=bar,
                 **settings,
             )
+        if scores:
+            return self._scores(learned)
+        if self.method == _SURROGATE:
+            return self._surrogate(learned)
         if isinstance(learned, Modes):
             from stancekit import save
 
@@ -148,28 +159,8 @@ class Fit:
             fixed = None
         return self._said(learned.problem_class, "envelopes", fixed)
 
-    def _scores(self) -> int:
-        """Fit the scores of leaps' candidates and write them."""
-        from stancekit import fit
-        from stancekit.planners.files.documents import read_yaml
-
-        if len(self.dataset) > 1:
-            raise InvalidInput(
-                f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
-            )
-        settings = {
-            "seed": self.seed,
-            "part": self.part,
-            **({} if self.config is None else read_yaml(self.config)),
-        }
-        with progress(f"fit {self.method}") as bar:
-            scorer: Any = fit(
-                self.dataset[0],
-                self.method,
-                checkpoint=self.checkpoint,
-                progress=bar,
-                **settings,
-            )
+    def _scores(self, scorer: Any) -> int:
+        """Write the scores of leaps' candidates."""
         scorer.write(self.out)
         origin = scorer.origin
         tell(
@@ -179,44 +170,25 @@ class Fit:
         )
         return 0
 
-    def _surrogate(self, rows: list[Dataset]) -> int:
-        """Fit a surrogate of feasibility and write it."""
-        from stancekit import fit
-        from stancekit.planners.files.documents import read_yaml
-
-        settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
-        with progress(f"fit {self.method}") as bar:
-            surrogate = fit(
-                rows,
-                "surrogate",
-                calibration=self.calibration,
-                checkpoint=self.checkpoint,
-                progress=bar,
-                **settings,
-            )
+    def _surrogate(self, surrogate: Any) -> int:
+        """Write a surrogate of feasibility."""
         surrogate.save(self.out)
-        card = surrogate.provenance
-        if self.json:
-            emit(
-                {
-                    "out": str(self.out),
-                    "method": self.method,
-                    "problem_class": surrogate.problem_class,
-                    "least_error": surrogate.least_error,
-                    "card": card,
-                }
-            )
-            return 0
-        counts = [
+        problems, error, card = (
+            surrogate.problem_class,
+            surrogate.least_error,
+            surrogate.provenance,
+        )
+        learned, calibrated = (
             ", ".join(f"{count} {kind}" for kind, count in card[name].items() if count)
             for name in ("learned_from", "calibrated_on")
-        ]
-        out.print(f"{self.out}: a surrogate for {surrogate.problem_class}, from {counts[0]} rows")
-        out.print(
-            f"  calibrated on {counts[1]} others: errors of {100 * surrogate.least_error:.2g} % "
-            "and more can be "
+        )
+        record = {"out": str(self.out), "method": self.method, "problem_class": problems}
+        tell(
+            self.json,
+            record | {"least_error": error, "card": card},
+            f"{self.out}: a surrogate for {problems}, from {learned} rows",
+            f"  calibrated on {calibrated} others: errors of {100 * error:.2g} % and more can be "
             "stated of one answer at least",
-            highlight=False,
         )
         return 0
 

@@ -338,12 +338,13 @@ class RunReport:
         """JSON-ready."""
         record = {name: value for name, value in vars(self).items() if name not in _NESTED}
         return dict(plain(record)) | {
-            "ended": self.ended.to_json(),
+            "ended": plain(self.ended),
             "cycle_s": plain(self.cycle_s),
             **{
                 name: (each := getattr(self, name)) and each.to_json()
-                for name in ("execution", "needs", "loads", "friction")
+                for name in ("execution", "needs", "loads")
             },
+            "friction": plain(self.friction),
         }
 
 

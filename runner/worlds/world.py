@@ -30,7 +30,6 @@ from stancekit.planners.terrain.patch import Solid
 from ..safety.estop import StopLatch
 from .drives import Drives, Imperfections
 
-FORMAT: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
 _MOST_N_M = 1e7
 """The stiffest ground that is asked for; a world's own is about as hard."""
 _DEEP_M = 0.04
@@ -119,7 +118,7 @@ class SimulationSetup:
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
-    format: Literal["stancekit/simulation/1"] = FORMAT
+    format: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
     contact_stiffness_n_m: Annotated[float | None, Field(gt=0.0, le=_MOST_N_M)] = None
     contact_damping_ns_m: Annotated[float | None, Field(ge=0.0, le=_MOST_N_M)] = None
 

@@ -103,7 +103,7 @@ def _configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
         (table.OPERATING_MODE, np.full(count, table.CURRENT_BASED_POSITION)),
         (table.RETURN_DELAY, np.zeros(count, np.int64)),
         (table.CURRENT_LIMIT, current),
-        (table.DRIVE_MODE, np.zeros(count, np.int64)),
+        (table.DRIVE_MODE, np.zeros(count, np.int64)),  # a goal must never switch the torque on
         (table.STATUS_RETURN, np.full(count, 2)),
     ):
         _settle(bus, register, wanted, free)

@@ -229,7 +229,6 @@ class RosRobot:
             self.mapping.names,
             times_s,
             np.tile(point, (len(times_s), 1)),
-            None,
             setup.ros,
             stamp_s or 0.0,
         )
@@ -314,7 +313,7 @@ class RosRobot:
         late = self.link.alive and not self.fresh(period_s)
         if late and self.setup.ros == 1:  # without points it holds where it is, and drops the rest
             nothing = np.zeros((0, len(self._joints)))
-            holds = trajectory(self.mapping.names, np.zeros(0), nothing, None, 1)
+            holds = trajectory(self.mapping.names, np.zeros(0), nothing, 1)
             kind = self.kind("trajectory_msgs", "JointTrajectory")
             self.link.publish(self._command, kind, holds)
         end, read = time.monotonic() + _REST_S, False
@@ -461,13 +460,11 @@ def trajectory(
     names: tuple[str, ...],
     times_s: Array,
     positions: Array,
-    velocities: Array | None,
     ros: Literal[1, 2],
     stamp_s: float = 0.0,
 ) -> Message:
-    """A JointTrajectory; shapes (T,), (T, J), (T, J).
-
-    Without velocities the controller goes in straight lines.
+    """A JointTrajectory; shapes (T,), (T, J). Without velocities the controller goes in straight
+    lines.
 
     Arguments:
         stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is
@@ -476,7 +473,6 @@ def trajectory(
     """
     points = [
         {"positions": positions[k].tolist(), "time_from_start": duration(float(time_s), ros)}
-        | ({} if velocities is None else {"velocities": velocities[k].tolist()})
         for k, time_s in enumerate(times_s)
     ]
     header = {"stamp": duration(stamp_s, ros), "frame_id": ""}
