@@ -309,15 +309,13 @@ class _BenchRoom:
     def run(self) -> int:
         """Measure what is missing, and print the table."""
         if not self.environment:
-            with as_options("environment"):
-                raise InvalidInput("environment: expected one or more, got none")
+            raise InvalidInput("--environment: expected one or more, got none")
         if others := [name for name in self.environment if name != _LEAPS]:
             from stancekit.learners.evaluation.room import ENVIRONMENTS
             from stancekit.planners.files.arrays import checked_choice
 
-            with as_options("environment"):
-                for name in others:
-                    checked_choice(name, "environment", (_LEAPS, *ENVIRONMENTS))
+            for name in others:
+                checked_choice(name, "--environment", (_LEAPS, *ENVIRONMENTS))
         rooms = [
             line
             for name in self.environment

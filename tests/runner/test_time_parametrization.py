@@ -136,8 +136,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and
     of a rotor alone.
     """
-    sample = plan_motion(plan).at(0.0)
-    pin = pinocchio()
+    sample, pin = plan_motion(plan).at(0.0), pinocchio()
     model = pin.buildModelFromXML(hexapod_urdf(plan.problem.robot))  # the body stays where it is
     data = model.createData()
     air = replace(sample, foothold=np.full(6, -1))
