@@ -332,7 +332,7 @@ class RunMotion:
         with as_options("world"):
             kind = WORLDS.get(self.world)
         self._check(kind)
-        with as_options("speed_rad_s", "friction_share", "least_push"):
+        with as_options("speed_rad_s", "friction_share", "least_push", "wrench"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
         given = ("friction_share", "wrench", "blind", "policy", "least_push")
@@ -437,10 +437,8 @@ class RunMotion:
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         options: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
         limits: dict[str, Any] = {} if self.least_push is None else {"least_push": self.least_push}
-        with as_options("wrench"):
-            wrench = RunSettings(wrench=wrench_numbers(self.wrench)).wrench
         return RunSettings(
-            wrench=wrench,
+            wrench=wrench_numbers(self.wrench),
             timing=Timing().at_pace(self.pace),
             speed_rad_s=self.speed_rad_s,
             ending=self.ending,

@@ -31,13 +31,13 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1359, 16743),
-    "cli": (3327, 39417),
+    "api": (1355, 16721),
+    "cli": (3207, 38985),
     "configs": (3, 30),
     "envs": (3129, 42896),
     "learners": (5262, 77750),
     "planners": (35273, 580098),
-    "runner": (6632, 90891),
+    "runner": (6511, 89549),
     "views": (4311, 69522),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}

@@ -353,21 +353,18 @@ def parametrize(
             return profile
         name = max(uses, key=lambda n: uses[n][0] if n in LINEAR else uses[n][0] ** 0.5)
         pace *= 0.995 * slower
-        slowed = _at_pace(motion, pace, f"{name} of {can.joints[uses[name][1]]}")
+        bound_by = f"{name} of {can.joints[uses[name][1]]}"
+        assert motion.seconds is not None
+        assert motion.lasting is not None
+        slowed = replace(
+            motion.lasting(motion.seconds / pace), pace=motion.pace * pace, bound_by=bound_by
+        )
         if pace < _LEAST_PACE:
             break
     raise InvalidInput(
         f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by "
         f"{slowed.bound_by}"
     )
-
-
-def _at_pace(motion: Played, pace: float, bound_by: str) -> Played:
-    """A plan's motion at a pace of its own."""
-    assert motion.seconds is not None
-    assert motion.lasting is not None
-    slowed = motion.lasting(motion.seconds / pace)
-    return replace(slowed, pace=motion.pace * pace, bound_by=bound_by)
 
 
 def joint_profile(
