@@ -21,8 +21,7 @@ from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
 from stancekit.runner.control.envelope_choice import Policy
 from stancekit.runner.log import Log, McapLog
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds.settings import EstopCheck, WorldSettings
-from stancekit.runner.worlds.world import WORLDS as WORLDS, JointBus
+from stancekit.runner.worlds.world import WORLDS as WORLDS, EstopCheck, JointBus, WorldSettings
 
 if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy

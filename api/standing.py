@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from stancekit.learners.surrogates.calibration import checked_error
 from stancekit.planners.arguments import checked, settings_from
@@ -18,10 +18,6 @@ from stancekit.planners.problem.standing_map import StandingMap as StandingMap
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import ImportOptions
-
-if TYPE_CHECKING:
-    from stancekit.learners.surrogates.surrogate import Surrogate
-
 
 _BESIDE: tuple[str, ...] = ("terrain", "robot", "headings", "friction", "time_limit_s", "fit")
 _BESIDE += ("surrogate", "error", "seed", "checkpoint", "progress", "limits")
@@ -123,9 +119,14 @@ def map(
         friction=friction,
     )
     settings = MapSettings(time_limit_s=time_limit_s, fit=fit, error=error, seed=seed)
-    known = None if surrogate is None else _surrogate(surrogate)
+    if surrogate is not None:
+        from stancekit.learners.surrogates.surrogate import surrogate_of  # loads torch
+
+        surrogate = surrogate_of(surrogate)
     try:
-        return make_map(poses, settings, progress, began_s=began, checkpoint=path, surrogate=known)
+        return make_map(
+            poses, settings, progress, began_s=began, checkpoint=path, surrogate=surrogate
+        )
     except ImportError as missing:
         raise not_installed("fit", missing.name, "networks", "rl") from None
 
@@ -149,13 +150,3 @@ def _asked(options: ImportOptions, limits: FootholdLimits) -> dict[str, Any]:
     more = {} if limits == FootholdLimits() else {"limits": asdict(limits)}
     result: dict[str, Any] = json.loads(json.dumps(unusual | more, default=list))
     return result
-
-
-def _surrogate(surrogate: Any) -> Surrogate:
-    """A surrogate, or that of a file or a name; torch is loaded here.
-
-    Raises InvalidInput.
-    """
-    from stancekit.learners.surrogates.surrogate import surrogate_of
-
-    return surrogate_of(surrogate)

@@ -26,6 +26,7 @@ import tyro
 from _bench import Options, kept, launch
 
 from stancekit import Motion
+from stancekit.motions import simulate
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.problem.course_file import read_course
@@ -37,7 +38,7 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.runner.report import RunReport
-from stancekit.runner.run import simulate
+from stancekit.runner.worlds.world import make_world
 
 ENDED = "to the end"
 
@@ -79,7 +80,10 @@ def of_course(path: Path, arguments: Arguments) -> list[dict[str, Any]]:
         course = plan()
         if isinstance(course, str):
             return {"course": path.stem, "refused": course}
-        report = simulate(course, world, servo=Servo(torque_nm=arguments.servo_nm), actuators=drawn)
+        report = simulate(
+            course,
+            make_world(world, course.robot, Servo(torque_nm=arguments.servo_nm), actuators=drawn),
+        )
         return {"course": path.stem, "world": world} | figures(report)
 
     rows = list[dict[str, Any]]()

@@ -37,8 +37,7 @@ from stancekit.planners.search.witness import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds.settings import SoftContact
-from stancekit.runner.worlds.world import make_world
+from stancekit.runner.worlds.world import SoftContact, make_world
 
 LIST = Path(__file__).with_name("soft") / "list.yaml"
 MOST_DRAWS = 12

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,7 +17,7 @@ from rich.console import Console
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, grid, out, stages
-from .evaluate import score_table
+from .fit import score_table
 from .options import ROBOT, TERRAIN, OptionalFloat, OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
@@ -109,6 +111,23 @@ _WIDTH = 150
 keeps them."""
 
 
+def _measured(
+    title: str, measure: Callable[[Any], Iterable[dict[str, Any]]], *, as_json: bool
+) -> list[dict[str, Any]]:
+    """The rows of a measurement, each printed as it comes where JSON is asked for.
+
+    Arguments:
+        measure: called with what shows its progress.
+    """
+    rows = list[dict[str, Any]]()
+    with stages(title) as on_progress:
+        for row in measure(on_progress):
+            rows.append(row)
+            if as_json:
+                emit(row)
+    return rows
+
+
 @dataclass
 class _BenchPlanner:
     """Lin et al.'s Table II: how long planning two-wall climbs takes, and how large the programs
@@ -147,12 +166,8 @@ class _BenchPlanner:
             settings = replace(settings, cap_s=checked(self.cap, "cap", above=0.0))
         folder = self.out or Path("out/bench-planner-quick" if self.quick else "out/bench-planner")
         make_folder(folder)
-        rows: list[dict[str, Any]] = []
-        with stages("bench planner") as on_progress:
-            for row in planner_bench.run(settings, folder, on_progress):
-                rows.append(row)
-                if self.json:
-                    emit(row)
+        measure = partial(planner_bench.run, settings, folder)
+        rows = _measured("bench planner", measure, as_json=self.json)
         write_text(folder / "table.json", json.dumps(rows, indent=1) + "\n")
         if not self.json:
             Console(width=max(out.width, _WIDTH), soft_wrap=True).print(table(rows))
@@ -294,15 +309,13 @@ class _BenchRoom:
     def run(self) -> int:
         """Measure what is missing, and print the table."""
         if not self.environment:
-            with as_options("environment"):
-                raise InvalidInput("environment: expected one or more, got none")
+            raise InvalidInput("--environment: expected one or more, got none")
         if others := [name for name in self.environment if name != _LEAPS]:
             from stancekit.learners.evaluation.room import ENVIRONMENTS
             from stancekit.planners.files.arrays import checked_choice
 
-            with as_options("environment"):
-                for name in others:
-                    checked_choice(name, "environment", (_LEAPS, *ENVIRONMENTS))
+            for name in others:
+                checked_choice(name, "--environment", (_LEAPS, *ENVIRONMENTS))
         rooms = [
             line
             for name in self.environment
@@ -437,12 +450,7 @@ def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
     from stancekit.learners.evaluation import gait_bench
     from stancekit.planners.files.writing import make_folder, write_text
 
-    rows: list[dict[str, Any]] = []
-    with stages("bench gait") as on_progress:
-        for row in gait_bench.judged(walks, on_progress):
-            rows.append(row)
-            if as_json:
-                emit(row)
+    rows = _measured("bench gait", partial(gait_bench.judged, walks), as_json=as_json)
     rows += gait_bench.ours(rows, folder)
     make_folder(folder)
     write_text(folder / "against.json", gait_bench.as_json(rows))
@@ -495,9 +503,6 @@ def _program_table(sums: list[dict[str, Any]]) -> Table:
         caption="medians of the walks that are verified",
     )
 
-
-_OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
-"""Settings by the options that give them."""
 
 _WIDEST = 200
 """Width of tables where standard output is no terminal."""
@@ -560,17 +565,12 @@ class BenchGait:
             raise InvalidInput(
                 f"{folder}: expected an existing folder with --kept, found none there"
             )
-        rows: list[dict[str, Any]] = []
-        with stages("bench gait") as on_progress:
-            known = gait_bench.kept(settings, folder) if self.tables_only else None
-            for row in (
-                gait_bench.run(settings, folder, on_progress, self.workers)
-                if known is None
-                else known
-            ):
-                rows.append(row)
-                if self.json:
-                    emit(row)
+        measure = (
+            (lambda _: gait_bench.kept(settings, folder))
+            if self.tables_only
+            else partial(gait_bench.run, settings, folder, workers=self.workers)
+        )
+        rows = _measured("bench gait", measure, as_json=self.json)
         if not rows:
             raise InvalidInput(f"{folder}: expected cells of this protocol, got none")
         records = gait_bench.table(rows)
@@ -597,11 +597,8 @@ class BenchGait:
         options: dict[str, Any] = {"every": self.tasks, "seeds": self.seeds, "cap_s": self.cap}
         options |= {"terrains": _names(self.terrain), "methods": _names(self.chart)}
         arguments = {name: value for name, value in options.items() if value not in (None, ())}
-        try:
+        with as_options(every="tasks", cap_s="cap", terrains="terrain", methods="chart"):
             return replace(settings, **arguments)
-        except InvalidInput as error:
-            name, colon, rest = str(error).partition(":")
-            raise InvalidInput(f"--{_OPTIONS.get(name, name)}{colon}{rest}") from None
 
 
 def _names(text: str) -> tuple[str, ...]:

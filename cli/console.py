@@ -138,19 +138,24 @@ def text_of(name: str | Path) -> str:
 
 
 @contextmanager
-def as_options(*names: str) -> Iterator[None]:
-    """Let an InvalidInput that names a setting name the option that gave it.
+def as_options(*names: str, **called: str) -> Iterator[None]:
+    """Let an InvalidInput that names settings name the options that gave them.
 
     Arguments:
-        names: of settings, all where none.
+        names: of settings; where none, whatever the message begins with.
+        called: settings whose option has another name.
     """
+
+    def option(part: str) -> str:
+        name, colon, rest = part.partition(":")
+        name = called.get(name, name if not names or name in names else "")
+        return f"--{name.replace('_', '-')}{colon}{rest}" if name else part
+
     try:
         yield
     except InvalidInput as error:
-        name, colon, rest = str(error).partition(":")
-        if names and name not in names:
-            raise
-        raise type(error)(f"--{name.replace('_', '-')}{colon}{rest}") from None
+        parts = str(error).split("; ") if names else [str(error)]
+        raise type(error)("; ".join(map(option, parts))) from None
 
 
 def grid(

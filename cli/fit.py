@@ -1,21 +1,40 @@
-"""``stancekit fit``: learn a selector from a data set."""
+"""``stancekit fit``, ``train`` and ``evaluate``: selectors learned from a data set or by reinforcement,
+and how well P1 answers with their envelopes and how often P2 gets back.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
 
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, not_installed
 
-from .console import as_options, emit, out, progress, tell
-from .options import ROBOT, TERRAIN, OptionalPath, OptionalText, check_out, named
+from .console import as_options, emit, grid, out, progress, stages, tell
+from .options import (
+    PROJECTION,
+    ROBOT,
+    TERRAIN,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+    check_drawn,
+    check_out,
+    named,
+)
 
 if TYPE_CHECKING:
-    from stancekit import Dataset, EnvelopeSet
+    from stancekit import EnvelopeSet, Learned
     from stancekit.learners.data.executors import Executor
+    from stancekit.learners.evaluation.evaluate import Score, Share
+    from stancekit.learners.training.reinforce import Trained
+
 
 _LEAP_SCORES = ("additive", "set")
 """Methods that learn from tries of leaps."""
@@ -96,27 +115,38 @@ class Fit:
     def run(self) -> int:
         """Fit and write."""
         from stancekit import Modes
+        from stancekit.planners.files.documents import read_yaml
         from stancekit.selectors import fit, rows_of
 
         check_out(self.out)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
-        if self.method in _LEAP_SCORES:
-            return self._scores()
-        rows = [rows_of(folder, self.part, self.robot, self.terrain) for folder in self.dataset]
-        if self.method == _SURROGATE:
-            return self._surrogate(rows)
-        settings, workers = self._settings(), self._executor()
+        scores = self.method in _LEAP_SCORES
+        if scores and len(self.dataset) > 1:
+            raise InvalidInput(
+                f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
+            )
+        rows: Any = self.dataset[0]
+        if not scores:
+            rows = [rows_of(each, self.part, self.robot, self.terrain) for each in self.dataset]
+        if scores or self.method == _SURROGATE:
+            settings = {"seed": self.seed} | ({"part": self.part} if scores else {})
+            settings |= {} if self.config is None else read_yaml(self.config)
+        else:
+            settings = self._settings() | {"workers": self._executor()}
         with progress(f"fit {self.method}") as bar:
-            learned = fit(
+            learned: Any = fit(
                 rows,
                 self.method,
                 calibration=self.calibration,
                 checkpoint=self.checkpoint,
-                workers=workers,
                 progress=bar,
                 **settings,
             )
+        if scores:
+            return self._scores(learned)
+        if self.method == _SURROGATE:
+            return self._surrogate(learned)
         if isinstance(learned, Modes):
             from stancekit import save
 
@@ -129,28 +159,8 @@ class Fit:
             fixed = None
         return self._said(learned.problem_class, "envelopes", fixed)
 
-    def _scores(self) -> int:
-        """Fit the scores of leaps' candidates and write them."""
-        from stancekit import fit
-        from stancekit.planners.files.documents import read_yaml
-
-        if len(self.dataset) > 1:
-            raise InvalidInput(
-                f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
-            )
-        settings = {
-            "seed": self.seed,
-            "part": self.part,
-            **({} if self.config is None else read_yaml(self.config)),
-        }
-        with progress(f"fit {self.method}") as bar:
-            scorer: Any = fit(
-                self.dataset[0],
-                self.method,
-                checkpoint=self.checkpoint,
-                progress=bar,
-                **settings,
-            )
+    def _scores(self, scorer: Any) -> int:
+        """Write the scores of leaps' candidates."""
         scorer.write(self.out)
         origin = scorer.origin
         tell(
@@ -160,44 +170,25 @@ class Fit:
         )
         return 0
 
-    def _surrogate(self, rows: list[Dataset]) -> int:
-        """Fit a surrogate of feasibility and write it."""
-        from stancekit import fit
-        from stancekit.planners.files.documents import read_yaml
-
-        settings = {"seed": self.seed, **({} if self.config is None else read_yaml(self.config))}
-        with progress(f"fit {self.method}") as bar:
-            surrogate = fit(
-                rows,
-                "surrogate",
-                calibration=self.calibration,
-                checkpoint=self.checkpoint,
-                progress=bar,
-                **settings,
-            )
+    def _surrogate(self, surrogate: Any) -> int:
+        """Write a surrogate of feasibility."""
         surrogate.save(self.out)
-        card = surrogate.provenance
-        if self.json:
-            emit(
-                {
-                    "out": str(self.out),
-                    "method": self.method,
-                    "problem_class": surrogate.problem_class,
-                    "least_error": surrogate.least_error,
-                    "card": card,
-                }
-            )
-            return 0
-        counts = [
+        problems, error, card = (
+            surrogate.problem_class,
+            surrogate.least_error,
+            surrogate.provenance,
+        )
+        learned, calibrated = (
             ", ".join(f"{count} {kind}" for kind, count in card[name].items() if count)
             for name in ("learned_from", "calibrated_on")
-        ]
-        out.print(f"{self.out}: a surrogate for {surrogate.problem_class}, from {counts[0]} rows")
-        out.print(
-            f"  calibrated on {counts[1]} others: errors of {100 * surrogate.least_error:.2g} % "
-            "and more can be "
+        )
+        record = {"out": str(self.out), "method": self.method, "problem_class": problems}
+        tell(
+            self.json,
+            record | {"least_error": error, "card": card},
+            f"{self.out}: a surrogate for {problems}, from {learned} rows",
+            f"  calibrated on {calibrated} others: errors of {100 * error:.2g} % and more can be "
             "stated of one answer at least",
-            highlight=False,
         )
         return 0
 
@@ -264,3 +255,238 @@ class Fit:
             return settings_of(
                 self.method, {name: getattr(self, name) for name in _SETTINGS}, self.config
             )
+
+
+@dataclass
+class Train:
+    """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 by PPO, as a file says.
+
+    The folder gets policy.safetensors (loaded without pickle), checkpoint.npz, curve.jsonl
+    (held-out figures after every segment) and the labelled scenes. A run that is stopped, however
+    hard, goes on with --resume and ends with the policy that it would have ended with.
+
+      stancekit train configs/train-selection.yaml --out out/ppo
+      stancekit train configs/train-selection.yaml --out out/ppo --resume --steps 200000
+    """
+
+    config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    """YAML file: environment, problem, steps, seed, train and held_out scenes, ppo;
+    configs/train-selection.yaml is one, and "Training" in the reference of keys has all."""
+    problem: Annotated[OptionalText, tyro.conf.arg(metavar="NAME")] = None
+    """Distribution, instead of the file's."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names
+    one."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Mesh or grid that scenes are cut from, instead of the file's."""
+    out: Path = Path("out/train")
+    """Folder of the run."""
+    steps: OptionalInt = None
+    """Steps in all, instead of the file's."""
+    seed: OptionalInt = None
+    """Seed, instead of the file's."""
+    resume: bool = False
+    """Go on from the folder's checkpoint, or from the labels that it has so far."""
+    json: bool = False
+    """One JSON object a point of the learning curve."""
+
+    def run(self) -> int:
+        """Train and print the learning curve."""
+        try:
+            from stancekit.learners.training.reinforce import TrainConfig, train
+        except ModuleNotFoundError as error:
+            raise not_installed("train", error.name, "networks", "rl") from None
+        options = {
+            "steps": self.steps,
+            "seed": self.seed,
+            "problem": self.problem,
+            "robot": self.robot,
+            "terrain": None if self.terrain is None else str(self.terrain),
+        }
+        config = TrainConfig.from_yaml(
+            self.config, {name: value for name, value in options.items() if value is not None}
+        )
+        with stages(f"train {config.problem}") as bar:
+            learned = partial(bar, f"learn: {config.steps} steps")
+            trained = train(config, self.out, resume=self.resume, progress=learned, labelling=bar)
+        if self.json:
+            for point in trained.curve:
+                emit(asdict(point))
+        else:
+            out.print(_curve_table(trained))
+            out.print(f"{self.out / 'policy.safetensors'}: {trained.curve[-1].steps} steps")
+        return 0
+
+
+def _curve_table(trained: Trained) -> Table:
+    """The learning curve: mean reward an episode on held-out scenes, and further figures."""
+    names = list(trained.curve[0].figures)
+    columns = {name: {"justify": "right"} for name in ("steps", "reward", *names)}
+    rows = (
+        (
+            str(point.steps),
+            f"{point.reward:.3f}",
+            *(f"{point.figures[name]:.3f}" for name in names),
+        )
+        for point in trained.curve
+    )
+    return grid(columns, rows, title="held-out scenes", title_justify="left", header_style="bold")
+
+
+_LONGEST_NAME = 16
+"""Letters of a selector's name before a table breaks it."""
+_PROJECTED = ("fix-p", "lift-fix-p", "fix-toes", "scp")
+
+
+@dataclass
+class Evaluate:
+    """Compare selectors on a labelled data set: the shares of Lin et al.'s Table I, with 95 %
+    intervals.
+
+    P1 feasible / infeasible: share of the feasible / infeasible problems that the relaxation
+    answers right. Each projection: share of the feasible problems for which P1 and then P2 end in a
+    verified posture. Rows that a selector was trained or calibrated on are refused.
+    """
+
+    dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
+    """Data set folder of `stancekit label`."""
+    part: Literal["all", "train", "test", "calibration"] = "all"
+    """Part of the rows: all, or a part of the split by hash that `fit --part` knows, too."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot that the data set must be of; one of another is refused."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Terrain's file that the data set must be of."""
+    envelopes: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    """Envelope files to compare."""
+    selector: Annotated[
+        tuple[str, ...],
+        named("stancekit.learners.selectors.selector:SELECTORS", "FILE|NAME|FILE.py:NAME"),
+    ] = ()
+    """Selectors to compare: files of envelopes, neural selectors, policies; names of
+    those that ship, as neural-wall-3; or your own."""
+    lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+    """Leave out the lift, which needs no envelope and is compared with the others unless told
+    so."""
+    projection: Annotated[tuple[str, ...], PROJECTION] = _PROJECTED
+    """Projections; nlp takes some 30 ms a problem."""
+    workers: int = 1
+    """Processes. Times of P1 are honest with as many as there are idle cores."""
+    executor: Literal["processes", "ray"] = "processes"
+    """Where to work: on this machine, or on a Ray cluster."""
+    address: OptionalText = None
+    """Ray cluster: host:port of its head, auto, or local."""
+    json: bool = False
+    """One JSON object a row."""
+    markdown: bool = False
+    """The table in Markdown, with intervals and the paper's rows."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture to write, .png, .pdf or .svg: the shares with their 95 % intervals."""
+
+    def run(self) -> int:
+        """Roll every selector out and print the table."""
+        from stancekit.planners.projection.project import PROJECTIONS
+        from stancekit.postures import read_envelopes
+        from stancekit.selectors import (
+            LIFT,
+            Comparison,
+            evaluate,
+            executor,
+            rows_of,
+            selector_for,
+        )
+
+        check_drawn(self.picture)
+        if not self.projection:
+            raise InvalidInput("--projection: expected one or more projections, got none")
+        for name in self.projection:
+            PROJECTIONS.get(name)
+        if not (self.envelopes or self.selector or self.lift):
+            raise InvalidInput(
+                "--envelopes, --selector: expected one or more files to compare, or the lift, got "
+                "none"
+            )
+        rows = rows_of(self.dataset, self.part, self.robot, self.terrain)
+        selectors: list[tuple[str, EnvelopeSet | str]] = [
+            (str(path), read_envelopes(path)) for path in self.envelopes
+        ]
+        selectors += [(name, name) for name in self.selector]
+        compared: list[tuple[str, Learned | str]] = [
+            (
+                Path(where).stem if ".py:" not in where else where.rpartition(":")[2],
+                selector_for(rows, selector, where),
+            )
+            for where, selector in selectors
+        ]
+        compared += [(LIFT, LIFT)] if self.lift else []
+        workers, scores = executor(self.executor, workers=self.workers, address=self.address), []
+        for name, learned in compared:
+            with progress(f"evaluate {name}") as bar:
+                scores.append(
+                    evaluate(
+                        learned,
+                        rows,
+                        projections=self.projection,
+                        name=name,
+                        workers=workers,
+                        progress=bar,
+                    )
+                )
+        comparison = Comparison(problem_class=rows.problem_class, scores=tuple(scores))
+        if self.picture is not None:
+            from stancekit.views.sheet import save
+
+            save(comparison.picture(), self.picture)
+        if self.markdown:
+            out.print(comparison.markdown(), soft_wrap=True, markup=False)
+        elif self.json:
+            for score in scores:
+                emit(score.to_json())
+        else:
+            out.print(score_table(rows.problem_class, scores))
+        return 0
+
+
+def score_table(problem_class: str, scores: list[Score]) -> Table:
+    """The comparison as a table that fits into 80 columns, with the paper's rows below."""
+    from stancekit.learners.evaluation.evaluate import TABLE_I, title_of
+
+    ways = list(scores[0].projected) if scores else []
+    counts = (
+        f"{scores[0].p1_feasible.of} feasible and {scores[0].p1_infeasible.of} infeasible"
+        if scores
+        else "no"
+    )
+    title = f"{title_of(problem_class)}: % of {counts} postures\n± half the 95 % interval"
+    table = Table(
+        title=title,
+        title_justify="left",
+        header_style="bold",
+        box=None,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    table.add_column("selector", overflow="fold", max_width=_LONGEST_NAME)
+    for name in ("P1\nfeasible", "P1\ninfeas.", *(f"P2\n{way}" for way in ways)):
+        table.add_column(name, no_wrap=True)
+    for score in scores:
+        shares = (score.p1_feasible, score.p1_infeasible, *score.projected.values())
+        table.add_row(Text(score.selector), *(_percent(share) for share in shares))
+    for name, row in TABLE_I.get(problem_class, {}).items():
+        by_way = {"fix-p": row[2], "nlp": row[3]}
+        figures = (row[0], row[1], *(by_way.get(way) for way in ways))
+        table.add_row(
+            f"paper: {name}",
+            *("    –" if x is None else f"{100.0 * x:5.1f}" for x in figures),
+            style="dim",
+        )
+    table.width = (
+        Console(width=1000).measure(table).maximum
+    )  # a narrow terminal may break lines, but nothing is lost
+    return table
+
+
+def _percent(share: Share) -> str:
+    if not share.of:
+        return "    –"
+    low, high = share.interval
+    return f"{100.0 * share.value:5.1f}±{50.0 * (high - low):.0f}"

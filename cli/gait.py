@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
@@ -22,7 +22,6 @@ from .options import (
     TerrainFile,
     check_drawn,
     heading,
-    in_gait_options,
     place,
 )
 from .pictures import show
@@ -36,6 +35,26 @@ if TYPE_CHECKING:
     from stancekit.planners.gait.walk_table import GaitSettings
 
 
+_SETTINGS = (
+    "start",
+    "goal",
+    "duration_s",
+    "friction",
+    "gait",
+    "cycle_s",
+    "timings",
+    "adhesive",
+    "footing",
+    "robot",
+    "seeds",
+    "seed",
+    "max_iterations",
+    "dynamics",
+    "hessian",
+)
+"""Fields of the task and of the solves that are options here."""
+_CALLED = {"time_limit_s": "total_s", "start_yaw_rad": "heading", "end_yaw_rad": "heading_end"}
+"""Those whose option has another name."""
 _PHASES = ("feasible", "smooth", "densify")
 TURN_RAD = 5e-4
 """Walks that turn by less are not said to turn."""
@@ -156,9 +175,9 @@ def verdict(one: Attempted) -> str:
     return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"
 
 
-def doubt(task: Walk, total_s: float) -> None:
-    """Say, before any work, that the ground on the way is steeper than friction holds, and how long
-    the search for a walk takes at most.
+def doubt(task: Walk, total_s: float) -> Iterator[str]:
+    """Warn that the ground on the way is steeper than friction holds, and how long the search for a
+    walk takes at most.
     """
     import numpy as np
 
@@ -167,7 +186,7 @@ def doubt(task: Walk, total_s: float) -> None:
     slope = float(np.linalg.norm(task.terrain.gradient(feet_on), axis=-1).max())
     if slope > task.friction and not any(task.adhesive):
         names = ",".join(task.robot.limb_names[:2])
-        err.print(
+        yield (
             f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest on the "
             "way, and friction "
             f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°: there may be "
@@ -292,7 +311,6 @@ class PlanGait:
 
         self._check()
         task, settings, caps, attempts = self._asked()
-        doubt(task, caps.total_s)
         checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
         caps = replace(caps, in_subprocess=True)
         try:
@@ -323,6 +341,9 @@ class PlanGait:
 
     def _refused(self, task: Walk, message: str, failures: Sequence[str] = ()) -> int:
         """Say why there is no walk; exit code 1."""
+        message, *failures = (
+            each.replace("chart NAME", "--chart NAME") for each in (message, *failures)
+        )
         complain(f"stancekit: {self.terrain}: {message}")
         if self.json:
             emit(
@@ -332,7 +353,7 @@ class PlanGait:
                     "status": "undecided",
                     "message": message,
                     "doubts": list(task.robot.doubts),
-                    "failures": list(failures),
+                    "failures": failures,
                 }
             )
         return 1
@@ -374,7 +395,7 @@ class PlanGait:
             place(self.goal, "--goal"),
         )
         end = self.heading_end
-        try:
+        with as_options(*_SETTINGS, **_CALLED):
             task = Walk.over(
                 self.file.read(self.terrain),
                 goal,
@@ -404,8 +425,6 @@ class PlanGait:
                 seeds=self.seeds,
                 seed=self.seed,
             )
-        except InvalidInput as error:
-            raise InvalidInput(in_gait_options(str(error))) from None
 
     # --------------------------------------------------------------------------------------------------
     # work
@@ -428,9 +447,16 @@ class PlanGait:
             err.print(
                 f"{checkpoint.path}: goes on from what an interrupted run of this command kept"
             )
+        doubts = list(doubt(task, caps.total_s))
         signals = (signal.SIGINT, signal.SIGTERM)
         try:
-            with watching(self.terrain) as show:
+            with as_options(*_SETTINGS, **_CALLED), watching(self.terrain) as bar:
+
+                def show(*at: Any) -> None:
+                    while doubts:  # the search begins
+                        err.print(doubts.pop())
+                    bar(*at)
+
                 return walked(
                     task,
                     settings,
@@ -440,8 +466,6 @@ class PlanGait:
                     checkpoint=checkpoint,
                     signals=signals,
                 )
-        except InvalidInput as error:
-            raise type(error)(in_gait_options(str(error))) from None
         except KeyboardInterrupt:
             if checkpoint.path is not None and checkpoint.path.exists():
                 err.print(f"{checkpoint.path}: kept; the same command goes on from there")

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_stdout
 from importlib import import_module
+from itertools import dropwhile, takewhile
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -48,31 +49,30 @@ _RARELY = (200_000, 20, 20)
 one of older objects."""
 
 COMMANDS = {
-    "sample": "Sample",
-    "solve": "SolvePostures",
-    "verify": "Verify",
-    "label": "LabelPostures",
-    "fit": "Fit",
-    "train": "Train",
-    "evaluate": "Evaluate",
-    "picture": "Picture",
-    "export": "Export",
-    "plan": "PlanCourse",
-    "play": "Play",
-    "simulate": "Simulate",
-    "terrain": "ShowTerrain",
-    "map": "MapTerrain",
-    "run": "RunMotion",
-    "replay": "Replay",
-    "robot": "ShowRobot",
-    "warp": "Warp",
-    "gait": "PlanGait",
-    "bench": "Bench",
-    "demo": "Demo",
-    "about": "About",
+    "sample": "label:Sample",
+    "solve": "solve:SolvePostures",
+    "verify": "verify:Verify",
+    "label": "label:LabelPostures",
+    "fit": "fit:Fit",
+    "train": "fit:Train",
+    "evaluate": "fit:Evaluate",
+    "picture": "export:Picture",
+    "export": "export:Export",
+    "plan": "plan:PlanCourse",
+    "play": "play:Play",
+    "simulate": "run:Simulate",
+    "terrain": "terrain:ShowTerrain",
+    "map": "terrain:MapTerrain",
+    "run": "run:RunMotion",
+    "replay": "run:Replay",
+    "robot": "robot:ShowRobot",
+    "warp": "terrain:Warp",
+    "gait": "gait:PlanGait",
+    "bench": "bench:Bench",
+    "demo": "about:Demo",
+    "about": "about:About",
 }
-"""The class of every command, in the module of the command's name, which is imported when it is asked
-for."""
+"""The module and the class of every command; it is imported when it is asked for."""
 ENTRY_POINTS = "stancekit.commands"
 """The group of entry points by which other packages bring commands: NAME = "module:CLASS". They
 are looked for where a name is none of ours, since to look for them takes as long as all of
@@ -142,10 +142,11 @@ def brief(name: str) -> str:
     """The first paragraph of a command's docstring, read from its file: to import all of them takes
     a second.
     """
-    source = Path(__file__).with_name(f"{name}.py").read_text(encoding="utf-8")
-    if match := re.search(_BRIEF.format(COMMANDS[name]), source):
+    module, _, command = COMMANDS[name].partition(":")
+    source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+    if match := re.search(_BRIEF.format(command), source):
         return " ".join(match[1].split())
-    raise LookupError(f"{name}.py: expected class {COMMANDS[name]}")
+    raise LookupError(f"{module}.py: expected class {command}")
 
 
 def commands() -> dict[str, type[_Command]]:
@@ -162,7 +163,6 @@ def parse(arguments: Sequence[str]) -> _Command:
 
     from .console import complain
     from .options import flowing, rules
-    from .simulate import slip
 
     if arguments[0] not in COMMANDS and arguments[0] not in _others():
         known = ", ".join((*COMMANDS, *_others()))
@@ -226,6 +226,74 @@ class _Page(io.StringIO):
         return "\n".join(lines) + table + rest
 
 
+_KINDS = {"int": "an integer", "float": "a number"}
+
+
+def slip(box: str) -> str:
+    """Refusal that a box with a title holds, up to the first line that is ruled in it, and the
+    option that it means.
+    """
+    rows = [row.strip().strip("│").strip() for row in box.splitlines()[1:]]
+    body = list(dropwhile(_is_rule, rows))
+    text = " ".join(takewhile(lambda row: not _is_rule(row), body)).rstrip(". ")
+    return (
+        _choice(text)
+        or _number(text)
+        or _unknown(text, body)
+        or _without(text)
+        or _missing(text)
+        or text
+    )
+
+
+def _is_rule(row: str) -> bool:
+    return row != "" and not row.strip("─-╰╯")
+
+
+def _choice(said: str) -> str:
+    match = re.fullmatch(
+        r"invalid choice (.+) for argument '(\S+)'\. Expected one of \((.+)\)", said
+    )
+    if match is None:
+        return ""
+    names = sorted(
+        set(re.findall(r"'([^']*)'", match[3])) - {"None"}
+    )  # a set's order differs from run to run
+    return f"{match[2]}: expected one of {', '.join(names)}, got {match[1]}"
+
+
+def _number(said: str) -> str:
+    match = re.match(r"Error parsing (\S+): ", said)
+    kind = re.search(r"invalid literal for (int)\(\)|could not convert string to (float)", said)
+    came = re.search(r"\['(.*?)'\]|: ('.*')$", said)
+    if match is None or kind is None or came is None:
+        return ""
+    return f"{match[1]}: expected {_KINDS[kind[1] or kind[2]]}, got {came[2] or repr(came[1])}"
+
+
+def _unknown(said: str, body: list[str]) -> str:
+    name, colon, rest = said.partition("Unrecognized options: ")
+    if name or not colon:
+        return ""
+    meant = dropwhile(lambda row: row != "Perhaps you meant:", body)
+    hints = [row.split()[0] for row in meant if re.match("--[a-z]", row)]
+    perhaps = f"; perhaps {' or '.join(dict.fromkeys(hints))}" if hints else ""
+    what = (
+        f"no such option{perhaps}" if rest.startswith("-") else "expected no further argument here"
+    )
+    return f"{rest.split(', ')[0]}: {what}"
+
+
+def _without(said: str) -> str:
+    match = re.fullmatch(r"Missing value for argument '(\S+)'\. Expected 1 values", said)
+    return "" if match is None else f"{match[1]}: expected a value after it, got none"
+
+
+def _missing(said: str) -> str:
+    match = re.match(r"Missing from stancekit [a-z -]+: (--[\w-]+|[A-Z_]+)", said)
+    return "" if match is None else f"{match[1]}: expected a value for it, got none"
+
+
 def _option(argument: str) -> str:
     """The name of an option, without its value; empty if the argument is not an option."""
     return argument.split("=")[0] if argument.startswith("--") else ""
@@ -238,8 +306,9 @@ def _command(name: str) -> type[_Command]:
         with foreign(f"command {name}"):
             theirs: type[_Command] = _others()[name].load()
         return theirs
-    command: type[_Command] = getattr(import_module(f".{name}", __package__), COMMANDS[name])
-    return command
+    module, _, command = COMMANDS[name].partition(":")
+    ours: type[_Command] = getattr(import_module(f".{module}", __package__), command)
+    return ours
 
 
 def _others() -> dict[str, Any]:

@@ -314,6 +314,8 @@ _OF_FILES = (
     "grid_m",
 )
 
+_OF_WALKS = ("heights_m", "smooth_m")
+"""Options of files that are no field of ``ImportOptions`` by this name."""
 OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
 """How the options of a ``TerrainFile`` are shown."""
 
@@ -346,28 +348,23 @@ class FileMeaning:
     heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
     """Heights of black and white in a .png [m]."""
 
-    def options(self, spacing_m: float = 0.05) -> ImportOptions:
-        """Import options that the reader wants, with a grid's spacing.
+    def asked(self) -> ImportOptions:
+        """Import options that the reader wants.
 
         Raises InvalidInput.
         """
         from stancekit.planners.terrain.import_options import ImportOptions
 
-        import_settings: dict[str, Any] = {
-            name: getattr(self, name) for name in ("kind", "unit_m", "up", "holes")
-        } | {"spacing_m": spacing_m}
-        if self.heights_m is not None:
-            import_settings["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
-        if self.offset_m is not None:
-            import_settings["offset_m"] = numbers(self.offset_m, "--offset-m", float, 3)
-        if self.crop_m is not None:
-            import_settings["crop_m"] = numbers(
-                self.crop_m, "--crop-m", float, 6 if self.crop_m.count(",") > 3 else 4
-            )
-        if self.most_triangles is not None:
-            import_settings["most_triangles"] = self.most_triangles
+        given = {name: value for name, value in vars(self).items() if name not in _OF_WALKS}
+        for name, text, count in (
+            ("height_m", self.heights_m, 2),
+            ("offset_m", self.offset_m, 3),
+            ("crop_m", self.crop_m, 6 if (self.crop_m or "").count(",") > 3 else 4),
+        ):
+            option = "--heights-m" if name == "height_m" else f"--{name.replace('_', '-')}"
+            given[name] = None if text is None else numbers(text, option, float, count)
         with in_options():
-            return ImportOptions(**import_settings)
+            return ImportOptions(**{k: v for k, v in given.items() if v is not None})
 
 
 @dataclass
@@ -390,13 +387,6 @@ class TerrainFile(FileMeaning):
 
         with in_options():
             return heights(name, smooth_m=self.smooth_m, **vars(self.asked()))
-
-    def asked(self) -> ImportOptions:
-        """Import options that the reader wants.
-
-        Raises InvalidInput.
-        """
-        return self.options(self.spacing_m)
 
 
 @dataclass
@@ -506,35 +496,3 @@ def heading(text: str, way: Array, option: str = "--heading") -> float:
         raise InvalidInput(
             f"{option}: expected an angle in rad, or goal, got {shown(text)}"
         ) from None
-
-
-def in_gait_options(message: str) -> str:
-    """A task's message with the names of its fields as the options that gave them."""
-    names = {
-        "time_limit_s": "total_s",
-        "start_yaw_rad": "heading",
-        "end_yaw_rad": "heading_end",
-    }
-    parts = []
-    for part in message.split("; "):
-        name, colon, rest = part.partition(":")
-        same = (
-            "start",
-            "goal",
-            "duration_s",
-            "friction",
-            "gait",
-            "cycle_s",
-            "timings",
-            "adhesive",
-            "footing",
-            "robot",
-            "seeds",
-            "seed",
-            "max_iterations",
-            "dynamics",
-            "hessian",
-        )
-        known = names.get(name, name if name in same else "")
-        parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
-    return "; ".join(parts)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
@@ -155,11 +155,6 @@ def _reason_of(answer: Answer[Any]) -> str:
     )
 
 
-def _row(numbers: Sequence[int]) -> str:
-    """Whole numbers with spaces between them."""
-    return " ".join(str(number) for number in numbers)
-
-
 def _number(value: float) -> str:
     """Four digits, or a dash."""
     return f"{value:.4g}" if math.isfinite(value) else "–"
@@ -235,9 +230,11 @@ def _course_lines(answer: Answer[Plan], plan: Plan) -> Iterator[str]:
     yield from (f"cannot be run: {line}" for line in plan.problem.robot.unrunnable)
     if plan.modes is not None:
         terrain = (
-            "" if plan.problem.modes is None else f"; of the terrain: {_row(plan.problem.modes)}"
+            ""
+            if plan.problem.modes is None
+            else f"; of the terrain: {' '.join(map(str, plan.problem.modes))}"
         )
-        yield f"modes z: {_row(plan.modes.tolist())}{terrain}"
+        yield f"modes z: {' '.join(map(str, plan.modes.tolist()))}{terrain}"
 
 
 def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:

@@ -146,7 +146,8 @@ class Play:
         return KeysScenario.of(self.course, robot, self.frames)
 
     def _check(self) -> None:
-        if not 0 <= self.port <= 65535:
-            raise InvalidInput(f"--port: expected 0 to 65535, got {self.port}")
+        from stancekit.planners.files.arrays import checked_int
+
+        checked_int(self.port, "--port", least=0, most=65535)
         if not self.folder.is_dir():
             raise InvalidInput(f"--folder: expected a folder, got {self.folder}")

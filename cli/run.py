@@ -1,4 +1,6 @@
-"""``stancekit run``: forward an accepted plan to a world, simulated or real."""
+"""``stancekit run``, ``simulate`` and ``replay``: an accepted plan forwarded to a world, simulated or
+real, and what the log of a run says.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, err, facts, out, progress, say_written
+from .console import as_options, complain, emit, err, facts, out, progress, say_written, tell
 from .options import (
     OptionalFloat,
     OptionalInt,
@@ -24,6 +26,7 @@ from .options import (
     OptionalWrench,
     check_drawn,
     check_log,
+    check_out,
     wrench_numbers,
 )
 from .pictures import show
@@ -31,14 +34,13 @@ from .pictures import show
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit import LoopReport, Problem, RunReport, RunSettings
+    from stancekit import LoopReport, Motion, Problem, RunReport, RunSettings
     from stancekit.runner.acceptance import Accepted
     from stancekit.runner.control.envelope_choice import SelectorPolicy
     from stancekit.runner.report import Execution
     from stancekit.runner.safety.estop import Source
     from stancekit.runner.safety.guard import Ended
-    from stancekit.runner.worlds.settings import EstopCheck
-    from stancekit.runner.worlds.world import JointBus
+    from stancekit.runner.worlds.world import EstopCheck, JointBus
 
 
 _BUSY = 1.0
@@ -316,22 +318,20 @@ class RunMotion:
         from stancekit.planners.robot.leg import read_actuators
         from stancekit.runner.acceptance import Accepted
         from stancekit.runner.safety.estop import on_signals
-        from stancekit.runner.worlds.settings import SoftContact, WorldSettings
+        from stancekit.runner.worlds.world import SoftContact, WorldSettings
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
         self._check(kind)
-        with as_options("speed_rad_s", "friction_share", "least_push"):
+        with as_options("speed_rad_s", "friction_share", "least_push", "wrench"):
             settings = self._settings()
         request, policy, led = self._request(), None, self.policy is not None
-        with as_options("friction_share", "wrench", "blind", "policy", "least_push"):
+        given = ("friction_share", "wrench", "blind", "policy", "least_push")
+        with as_options(*given, timing="pace"):
             try:
                 check_run(request, self.world, settings, led=led)
             except InvalidInput as error:
-                message = (
-                    str(error).replace("got a policy", "got --policy").replace("timing:", "--pace:")
-                )
-                raise InvalidInput(message) from None
+                raise InvalidInput(str(error).replace("got a policy", "got --policy")) from None
         with ExitStack() as stack:
             with as_options(
                 "setup", "rate_hz", "actuators", "contact_stiffness_n_m", "contact_damping_ns_m"
@@ -428,10 +428,8 @@ class RunMotion:
         loop = {"horizon": self.horizon, "replan_m": self.replan_m}
         options: dict[str, Any] = {name: value for name, value in loop.items() if value is not None}
         limits: dict[str, Any] = {} if self.least_push is None else {"least_push": self.least_push}
-        with as_options("wrench"):
-            wrench = RunSettings(wrench=wrench_numbers(self.wrench)).wrench
         return RunSettings(
-            wrench=wrench,
+            wrench=wrench_numbers(self.wrench),
             timing=Timing().at_pace(self.pace),
             speed_rad_s=self.speed_rad_s,
             ending=self.ending,
@@ -522,3 +520,222 @@ def _led(report: LoopReport, policy: SelectorPolicy | None) -> tuple[dict[str, A
             "warning": "" if answers[0] else unused(answers),
         }
     return record, loop_table(report, answers)
+
+
+@dataclass
+class Simulate:
+    """Execute a plan in a world: position control, friction as in the course; what was planned
+    against what happened.
+
+    The robot presses with the forces of the plan and follows it by joint positions. It succeeds if
+    it does not fall, its centre of mass ends within 3 cm of the plan's and every joint within 0.1
+    rad, and no foot slides by more than 2 cm. Nothing is slowed down: `stancekit run` does that, or
+    says what no pace helps with. A film takes longer than the execution. Needs the extra robots,
+    and for bullet catalogue.
+
+      stancekit plan walls --out plan.json
+      stancekit simulate plan.json --picture end.png --video film.mp4
+      stancekit simulate plan.json --world bullet
+
+    Exit code 0 where the execution succeeded, 1 where it failed, 2 for bad input, as a plan that the
+    verifier rejects.
+    """
+
+    plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
+    """File of a plan, a walk, a leap or a crossing."""
+    world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
+    """Which simulation: bullet, mujoco, one of another package, or a class in a file."""
+    forces: Literal["shared", "planned"] = "shared"
+    """Press as planned, or with forces shared anew among the limbs of every stance, with a reserve
+    of friction."""
+    pace: float = 1.0
+    """How fast: 2 takes half the time, as far as the joints can turn."""
+    contact_stiffness_n_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="N/M")] = None
+    """Feet sink into the ground by their force over this; without it the ground is hard."""
+    contact_damping_ns_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="NS/M")] = None
+    """Damping of that; without it a robot on all its feet sinks without swinging."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the end, .png, .pdf or .svg."""
+    video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Film, .mp4, at twice the pace (extra viz, and a GL library)."""
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """File for what was recorded every 5 ms, .npz."""
+    json: bool = False
+    """Print the report as one JSON object."""
+
+    def run(self) -> int:
+        """Read, execute, compare."""
+        from stancekit import RunSettings
+        from stancekit.motions import WORLDS, accepted_of, check_run, simulate
+        from stancekit.planners.files.arrays import checked
+        from stancekit.planners.motion.plan_motion import Timing
+        from stancekit.runner.worlds.world import SoftContact, WorldSettings
+
+        checked(self.pace, "--pace", least=0.1, most=4.0)
+        check_drawn(self.picture, self.video)
+        check_out(self.out, ".npz")
+        accepted = accepted_of(self.plan)
+        if self.picture is not None and accepted.plan.has("times_s"):
+            raise InvalidInput(
+                "--picture: expected none with a walk: --video films what was executed"
+            )
+        timing = Timing().at_pace(self.pace)
+        settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
+        with as_options("world", timing="pace"):
+            check_run(accepted, self.world, settings, led=False)
+        world: str | JointBus = self.world
+        with as_options("world", "contact_stiffness_n_m", "contact_damping_ns_m"):
+            contact = SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
+            if contact is not None and (kind := WORLDS.get(self.world)).kind == "simulation":
+                world = kind.make(
+                    WorldSettings(
+                        robot=accepted.robot, gravity_m_s2=accepted.gravity_m_s2, contact=contact
+                    )
+                )
+        with as_options("world"), progress(f"simulate {accepted.name} in {self.world}") as bar:
+            report = simulate(accepted, world, settings=settings, progress=bar)
+        execution = report.execution
+        if execution is None:
+            complain(f"stancekit: failed: {self.plan}: {report.message}")
+            return 1
+        self._write(accepted.plan, execution)
+        if self.json:
+            doubts = list(accepted.plan.doubts)
+            emit({"plan": str(self.plan), **_simulated(report, execution), "doubts": doubts})
+        else:
+            out.print(_simulated_table(report, execution))
+            for line in accepted.plan.doubts:
+                out.print(f"doubt: {line}", highlight=False)
+            say_written(self.picture, self.video, self.out, word="written: {}")
+        return 0 if report.succeeded else 1
+
+    def _write(self, motion: Motion[Any], execution: Execution) -> None:
+        if self.out is not None:
+            from stancekit.planners.files.writing import write_bytes
+
+            write_bytes(self.out, execution.trace.to_npz())
+        show(motion, execution, picture=self.picture, video=self.video)
+
+
+def _why(report: RunReport, run: Execution) -> str:
+    """Why it failed: what stopped it before its end, or else what was off the plan."""
+    if report.stopped_s is None:
+        return run.message or report.message
+    done = f"{report.frames_done:.0f} of {report.frames:.0f} {report.counted}"
+    return f"stopped after {done}: {report.message}"
+
+
+def _simulated(report: RunReport, run: Execution) -> dict[str, Any]:
+    """The figures, with the verdict on the whole run."""
+    return run.to_json() | {"succeeded": report.succeeded, "message": _why(report, run)}
+
+
+def _simulated_table(report: RunReport, run: Execution) -> Table:
+    final, worst, slid, shift, error = (
+        1e3 * value
+        for value in (
+            run.com_final_m,
+            run.com_worst_m,
+            float(run.slip_m.max()),
+            run.shift_m,
+            run.error_m,
+        )
+    )
+    done = report.succeeded
+    verdict = "executed as planned" if done else "failed" if report.stopped_s is None else "stopped"
+    torques = f"{run.torque_worst_nm:.1f} Nm at most, planned {run.planned_torque_nm:.1f}, limit {run.torque_limit_nm:g}"
+    bump = f"touched something other than a foot for {run.bump_s:.2f} s"
+    return facts(
+        [
+            ("verdict", Text(verdict, style="green" if done else "red")),
+            ("", _why(report, run)),
+            (
+                "centre of mass",
+                f"{final:.1f} mm from the plan's at its end, {worst:.1f} mm at most on the way",
+            ),
+            ("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} footholds"),
+            ("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned"),
+            ("joints", f"{torques}; inverse kinematics within {error:.2g} mm"),
+            (
+                "body",
+                f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm "
+                "from the centre of mass",
+            ),
+            ("terrain", bump if run.bump_s > 0.0 else ""),
+            ("time", f"{run.seconds:.1f} s in {run.world}, {run.wall_s:.1f} s to compute"),
+        ]
+    )
+
+
+@dataclass
+class Replay:
+    """Read the log of a run: which plan, what was decided, how well it was followed, and how it
+    ended.
+
+    A log whose writer was killed is read up to its last message. `stancekit run PLAN --world replay
+    --setup LOG` runs the plan again against what was measured then, and compares the commands.
+
+    Exit code 0 where the run ended well, 1 where it did not or the log breaks off, 2 for what is no
+    log.
+    """
+
+    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    """Log file, as `stancekit run --log` writes it."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the tracking, .png, .pdf or .svg."""
+    json: bool = False
+    """Print everything as one JSON object."""
+
+    def run(self) -> int:
+        """Read, and tell."""
+        from stancekit.runner.log import read_log
+        from stancekit.views.gait_plot import differences, draw_tracking, tracked
+
+        check_drawn(self.picture)
+        recorded = read_log(self.log)
+        plan, verdicts = recorded.of("plan")[0], recorded.of("verdict")
+        commands = recorded.of("command")
+        record: dict[str, Any] = {
+            "log": str(self.log),
+            "whole": recorded.whole,
+            **{
+                name: plan.get(name)
+                for name in ("digest", "course", "world", "dry", "rate_hz", "pace")
+            },
+            "commands": len(commands),
+            "decisions": recorded.of("decision"),
+            "verdict": verdicts[-1] if verdicts else None,
+            **(differences(tracked(recorded)) if commands else {}),
+        }
+        if self.picture is not None:
+            from stancekit.views.sheet import save
+
+            save(draw_tracking(recorded), self.picture)
+        tell(self.json, record, _replay_table(record))
+        say_written(*(() if self.json else (self.picture,)), word="written: {}")
+        return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1
+
+
+def _replay_table(record: dict[str, Any]) -> Table:
+    verdict, dry = record["verdict"], ", dry" if record["dry"] else ""
+    word = Text("none: the process was ended", style="red")
+    if verdict is not None:
+        done = verdict["succeeded"]
+        word = Text("run as planned" if done else verdict["message"], "green" if done else "red")
+    joints = ""
+    if "joint_worst_rad" in record:
+        worst, rms = 1e3 * record["joint_worst_rad"], 1e3 * record["joint_rms_rad"]
+        joints = f"{worst:.1f} mrad from the plan at most, {rms:.1f} mrad (RMS)"
+    return facts(
+        [
+            ("verdict", word),
+            (
+                "plan",
+                f"{record['course']} on {record['world']}{dry}, digest "
+                f"{str(record['digest'])[:16]}…",
+            ),
+            ("commands", f"{record['commands']} at {record['rate_hz']:g} Hz"),
+            ("joints", joints),
+            *((decision["what"], str(decision["why"])) for decision in record["decisions"]),
+        ]
+    )

@@ -134,14 +134,8 @@ class Between:
     @contextmanager
     def in_options(self) -> Iterator[None]:
         """Let messages name places and the terrain's settings as the options that give them."""
-        with in_options():
-            try:
-                yield
-            except InvalidInput as error:
-                text = str(error)
-                text = f"--{text}" if text.startswith(("frames:", "start:", "goal:")) else text
-                text = text.replace("standing:", "--map:") if text.startswith("standing:") else text
-                raise type(error)(text) from None
+        with in_options(), as_options("frames", "start", "goal", standing="map"):
+            yield
 
     def _check_unused(self, name: str) -> None:
         """Raise InvalidInput for what only a terrain's file has a use for."""

@@ -1,28 +1,37 @@
-"""``stancekit terrain``: what of a terrain a foot may be put on."""
+"""``stancekit terrain``, ``map`` and ``warp``: grounds, where a foot or a robot can stand on them, and
+the map that flattens one.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import emit, facts, out, say_written
+from .console import as_options, facts, progress, say_written, tell
 from .options import (
     OF_FILE,
+    FileMeaning,
     FootholdOptions,
     OptionalPath,
     OptionalText,
     TerrainFile,
     check_drawn,
+    check_limit,
+    check_out,
     in_options,
+    numbers,
     place,
 )
 
 if TYPE_CHECKING:
-    from stancekit import Footholds
+    from rich.table import Table
+
+    from stancekit import Footholds, StandingMap
+    from stancekit.planners.warp.report import MapReport
 
 
 @dataclass
@@ -100,13 +109,11 @@ class ShowTerrain:
             if Path(self.terrain).exists() and ".py" not in self.terrain
             else {}
         )
-        if self.json:
-            emit({**footholds.to_json(), **({"axes": axes} if axes else {})})
-            return 0
         turned = axes if self.file.up != "z" else {}
         words = ", ".join(f"{axis} is the file's {values}" for axis, values in turned.items())
-        out.print(facts([*_rows(footholds), ("axes", words)], "ellipsis"))
-        say_written(self.picture, self.html)
+        table = facts([*_found_rows(footholds), ("axes", words)], "ellipsis")
+        tell(self.json, footholds.to_json() | ({"axes": axes} if axes else {}), table)
+        say_written(*(() if self.json else (self.picture, self.html)))
         return 0
 
     def _found(self) -> Footholds:
@@ -117,7 +124,7 @@ class ShowTerrain:
             return terrain(self.terrain, robot=self.robot, limits=limits, **meaning)
 
 
-def _rows(found: Footholds) -> Iterator[tuple[str, str]]:
+def _found_rows(found: Footholds) -> Iterator[tuple[str, str]]:
     """What there is to say of footholds."""
     import numpy as np
 
@@ -150,3 +157,242 @@ def _rows(found: Footholds) -> Iterator[tuple[str, str]]:
         )
     for reason, area in found.refused_m2.items():
         yield f"not: {reason}", f"{area:.4g} m²" if area > 1e-6 else ""
+
+
+@dataclass
+class MapTerrain:
+    """Map where a robot can stand on a terrain.
+
+    Per place and heading: feasible or not, how far the body may move and which push it bears, and
+    which limit is in the way. A pose stands
+    for one question: can the robot hold still with all of its limbs where its toes are as it
+    stands, each put on the nearest place to stand, within a stated distance? Poses are proved from
+    coarse to fine until the time is over: feasible with a posture that the verifier accepted,
+    infeasible with a proof. What was not reached is unknown; with --fit it is called likely, at an
+    error that was measured on poses of this very map. Links and belly are not looked at.
+
+      stancekit map rubble.stl --robot hexapod --spacing-m 0.05 --headings 16 --out map.npz
+      stancekit map rubble.stl --spacing-m 0.05 --headings 16 --fit --picture map.png
+      stancekit plan rubble.stl --start 0,0 --goal 2,0 --map map.npz
+
+    A map that is stopped goes on from --out when it is started again. Exit code: 0 done; 2 bad
+    input.
+    """
+
+    terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
+    """Mesh, grid or point cloud in a file, or a ground by its name, as stairs:0.5:7."""
+    robot: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
+    """Whose limbs stand: a built-in name, a .urdf file, or a .yaml file that names one; else the
+    default hexapod."""
+    spacing_m: float = 0.1
+    """Between places, along x and y [m]."""
+    headings: int = 8
+    """Headings at each place, evenly about the vertical, the first along x."""
+    friction: float = 0.8
+    """Friction coefficient of the terrain."""
+    time_limit_s: float = 60.0
+    """Limit for all of it [s]."""
+    fit: bool = False
+    """Learn what is likely of poses that are not reached (extra rl)."""
+    surrogate: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """File of `stancekit fit --method surrogate`, for all limbs of the robot on ground, in the
+    place of --fit; it is calibrated on this map, too."""
+    file: Annotated[FileMeaning, *OF_FILE] = field(default_factory=FileMeaning)
+    """What the numbers of a terrain's file mean."""
+    grid_m: float = 0.05
+    """Grid spacing of a terrain's file, and of the map that a cloud becomes [m]."""
+    footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(
+        default_factory=FootholdOptions
+    )
+    """What counts as a foothold."""
+    error: float = 0.005
+    """Chance with which a likely answer may be wrong."""
+    seed: int = 0
+    """Seed of the poses that likely answers are calibrated on."""
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """File of the map: .npz, for `stancekit plan --map`, written now and then; or .json."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the map: .png, .pdf or .svg."""
+    json: bool = False
+    """One JSON object: counts, shares, what is in the way, margins, seconds."""
+
+    def run(self) -> int:
+        """Make the map, write and say it."""
+        from stancekit.standing import map as map_terrain
+
+        check_drawn(picture=self.picture)
+        check_out(self.out, ".npz", ".json")
+        check_limit(self.time_limit_s)
+        checkpoint = self.out if self.out is not None and self.out.suffix == ".npz" else None
+        names = (
+            "spacing_m",
+            "headings",
+            "friction",
+            "error",
+            "seed",
+            "fit",
+            "surrogate",
+            "spacing_m, headings",
+            "grid_m",
+        )
+        meaning = vars(self.file.asked())
+        meaning.pop("spacing_m")
+        with (
+            progress(f"map {Path(self.terrain).name}") as bar,
+            as_options(*names),
+            in_options(),
+        ):
+            standing = map_terrain(
+                self.terrain,
+                robot=self.robot,
+                spacing_m=self.spacing_m,
+                headings=self.headings,
+                friction=self.friction,
+                time_limit_s=self.time_limit_s,
+                fit=self.fit,
+                surrogate=self.surrogate,
+                error=self.error,
+                seed=self.seed,
+                checkpoint=checkpoint,
+                limits=self.footholds.limits(),
+                grid_m=self.grid_m,
+                **meaning,
+                progress=lambda done, total, stage: bar(
+                    done, total, f"{stage}, {done} of {total} poses settled"
+                ),
+            )
+        if self.out is not None:
+            standing.save(self.out)
+        if self.picture is not None:
+            from stancekit.views.maps import draw_standing_map
+            from stancekit.views.sheet import save
+
+            save(draw_standing_map(standing), self.picture)
+        tell(self.json, standing.to_json(), _standing_table(standing))
+        say_written(*(() if self.json else (self.out, self.picture)))
+        return 0
+
+
+def _standing_table(found: StandingMap) -> Table:
+    (x, y, headings), shares, likely = found.shape, found.shares(), ""
+    if found.error is not None and found.confidence is not None:
+        likely = (
+            f"each wrong with a chance of {100 * found.error:.3g} % at most, at a confidence of "
+            f"{100 * found.confidence:.0f} %"
+        )
+    way = ", ".join(f"{name} {count}" for name, count in found.in_the_way().items())
+    counts = [
+        (name, f"{count} poses, {100 * shares[name]:.1f} %" if count else "")
+        for name, count in found.counts().items()
+    ]
+    margins = [
+        (name, f"{median:.3g} in the median, 5 % below {low:.3g}")
+        for name, (low, median, _) in found.margins().items()
+    ]
+    return facts(
+        [
+            ("terrain", f"{found.terrain}, friction {found.friction:g}"),
+            ("robot", found.robot),
+            ("grid", f"{x} × {y} places {found.spacing_m:g} m apart, {headings} headings"),
+            *counts,
+            ("proved", f"{100 * shares['proved']:.1f} %"),
+            ("likely", likely),
+            ("in the way", way),
+            *margins,
+            ("seconds", ", ".join(f"{k} {v:.3g}" for k, v in found.seconds.items())),
+        ],
+        "ellipsis",
+    )
+
+
+@dataclass
+class Warp:
+    """Make the map that flattens a terrain, and measure it.
+
+    TERRAIN is a ground by its name, as `stancekit terrain` has them (ripple, rough:0.5:7, …); a
+    function of x and y as FILE.py:NAME; or a file: .npy, .csv, .png, .npz, or a mesh (.stl, .obj,
+    .ply, .off, .glb).
+
+    least_det is min det J on lines three times as dense as the quadrature: above 0 the map folds
+    nowhere. match: how far the map's ground is from the terrain. Conformal error: 1 − σ_min/σ_max
+    of J.
+
+    Exit code: 0 done; 1 the map of a published method folds, or no map can be made; 2 bad input.
+    """
+
+    terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
+    """Name, FAMILY:LEVEL:SEED, FILE.py:NAME, or a file."""
+    cells: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "24,24,6"
+    """Cells of the tri-cubic grid along each axis."""
+    height_m: float = 2.3
+    """Thickness of the band above the terrain [m]."""
+    method: Literal["fast", "local-global", "accelerated", "gauss-newton"] = "fast"
+    """fast: ours, exact at the ground. local-global: Algorithm 1 of the paper; gauss-newton: its
+    second method, with a barrier; both as published, with no snap. accelerated: Algorithm 1 with
+    the nearest similarity, no factorisation and Anderson acceleration, with no snap."""
+    iterations: int = 100
+    """Most iterations of the method."""
+    file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
+    """What the numbers of a terrain's file mean."""
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """File for the map, .npz."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the map: .png, .pdf or .svg."""
+    json: bool = False
+    """One JSON object on standard output."""
+
+    def run(self) -> int:
+        """Read the terrain, make the map, write and say what came of it."""
+        from stancekit import warp
+
+        cells = numbers(self.cells, "--cells", int, 3)
+        check_out(self.out, ".npz")
+        check_drawn(self.picture)
+        terrain = self.file.read(self.terrain)
+        with as_options():
+            fit = warp(
+                terrain,
+                cells=(cells[0], cells[1], cells[2]),
+                height_m=self.height_m,
+                method=self.method,
+                iterations=self.iterations,
+            )
+        if self.out is not None:
+            fit.map.to_file(self.out)
+        if self.picture is not None:
+            from stancekit.views.maps import draw_map
+            from stancekit.views.sheet import save
+
+            save(draw_map(fit.map, terrain, fit.report), self.picture)
+        tell(self.json, fit.report.to_json(), _warp_table(fit.report))
+        return 0 if fit.report.least_det > 0.0 else 1
+
+
+def _warp_table(report: MapReport) -> Table:
+    record = report.to_json()
+    folded = "" if report.least_det > 0.0 else " [red]the map folds[/]"
+    where = ", ".join(f"{value:.2f}" for value in report.least_det_at_m)
+    percent = "{mean:.1%} on average, {p95:.1%} at the 95th percentile, {max:.1%} at most"
+    rows = (
+        ("terrain", report.terrain),
+        ("method", f"{report.method}, {' × '.join(map(str, report.cells))} cells"),
+        (
+            "time",
+            f"{report.cpu_s:.2f} CPU-s, {len(report.energy) - 1} iterations, {report.evaluations} "
+            "evaluations",
+        ),
+        ("min det J", f"{report.least_det:.3f} at ({where}) m{folded}"),
+        (
+            "match",
+            f"{1e3 * report.match_m[0]:.3f} mm at most, {1e3 * report.match_m[1]:.3f} mm rms",
+        ),
+        (
+            "before the snap",
+            f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm "
+            "rms",
+        ),
+        ("conformal error", percent.format(**record["ground_error"])),
+        ("  0.5 m above", percent.format(**record["torso_error"])),
+        ("note", report.message),
+    )
+    return facts(rows, "ellipsis")

@@ -33,7 +33,6 @@ from stancekit.planners.robot.leg import ActuatorModel
 from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.verify import Report
-from stancekit.planners.verify.geometry import tipping
 from stancekit.planners.verify.judge import judge
 from stancekit.planners.verify.postures import joint_groups
 
@@ -285,8 +284,18 @@ class Accepted(Generic[S]):
         Raises InvalidInput for one that is rejected, that no runner executes, or whose robot's
         joints are not known; a leap has to begin and end at rest, and to be judged with its legs.
         """
-        digest = _check_to_run(plan, source).digest
-        return Accepted(plan=plan, digest=digest, source=source)
+        if plan.keyed:
+            plan.problem.check_whole()
+        report = judged(plan)
+        if not report.accepted:
+            raise InvalidInput(
+                f"{source}: expected a {plan.word} that the verifier accepts, {report.message}"
+            )
+        if hindrance := report.hindrance:
+            raise InvalidInput(
+                f"{source}: expected a {plan.word} that can be executed, this one cannot: {hindrance}"
+            )
+        return Accepted(plan=plan, digest=report.digest, source=source)
 
     @cached_property
     def robot(self) -> Robot:
@@ -305,16 +314,6 @@ class Accepted(Generic[S]):
         return self.plan.gravity_m_s2
 
 
-def check_stands(accepted: Accepted[Plan], least_push: float) -> None:
-    """Raise InvalidInput for a plan that is about to tip.
-
-    Arguments:
-        least_push: that every stance has to bear, as a share of the weight.
-    """
-    if tips := tipping(accepted.plan, least_push):
-        raise InvalidInput(f"{accepted.source}: {tips}; least_push 0 runs it all the same")
-
-
 def check_fits(accepted: Accepted[Plan], world: SafeWorld) -> None:
     """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose
     of the plan.
@@ -325,25 +324,6 @@ def check_fits(accepted: Accepted[Plan], world: SafeWorld) -> None:
         raise InvalidInput(
             f"{accepted.source}: expected joints that can do it, they cannot: {'; '.join(faults)}"
         )
-
-
-def _check_to_run(motion: Motion[Any], source: str) -> Report[Any]:
-    """The verdict on a motion.
-
-    Raises InvalidInput for one that is rejected, or that no runner executes.
-    """
-    if motion.keyed:
-        motion.problem.check_whole()
-    report = judged(motion)
-    if not report.accepted:
-        raise InvalidInput(
-            f"{source}: expected a {motion.word} that the verifier accepts, {report.message}"
-        )
-    if hindrance := report.hindrance:
-        raise InvalidInput(
-            f"{source}: expected a {motion.word} that can be executed, this one cannot: {hindrance}"
-        )
-    return report
 
 
 def judged(motion: Motion[Any]) -> Report[Any]:

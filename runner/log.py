@@ -18,7 +18,7 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import IO, Any, Self
@@ -212,10 +212,8 @@ TOPICS: dict[str, dict[str, str]] = {
     "decision": {"what": "string", "why": "string"},
     "verdict": {"succeeded": "boolean", "message": "string"},
 }
-"""The topics, and what every message of each has at least, by JSON type."""
-_ARRAYS_OF = {"joints": str}
-"""Content of the arrays of messages; numbers, or rows of them, where it is not said. What was not
-finite is null."""
+"""The topics, and what every message of each has at least, by JSON type; arrays are of numbers, null
+where they were not finite, but for the names of joints."""
 _KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}
 
 
@@ -306,7 +304,7 @@ class McapLog(Log):
         """
         if self._lost:
             return
-        data = json.dumps(_plain(content), allow_nan=False, separators=(",", ":")).encode()
+        data = json.dumps(plain(content), allow_nan=False, separators=(",", ":")).encode()
         with self._named():
             stream = self._stream or self._begin()
             now = self._clock()
@@ -444,13 +442,9 @@ def _check_message(topic: str, content: Any, where: str) -> None:
         value: Any = content[name]
         if not isinstance(value, _KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
             raise InvalidInput(f"{where}: {name}: expected {kind}, got {shown(value)}")
-        if (
-            kind == "array"
-            and _ARRAYS_OF.get(name) is str
-            and not all(isinstance(item, str) for item in value)
-        ):
+        if name == "joints" and not all(isinstance(item, str) for item in value):
             raise InvalidInput(f"{where}: {name}: expected texts, got {shown(value)}")
-        if kind == "array" and name not in _ARRAYS_OF:
+        if kind == "array" and name != "joints":
             table(value, (None,), f"{where}: {name}")
         if kind == "number" and not abs(value) <= _LARGEST_TIME:
             raise InvalidInput(
@@ -498,12 +492,14 @@ def _records(path: Path) -> Iterator[Any]:
         yield record
 
 
-def _plain(value: Any) -> Any:
-    """JSON-ready: arrays as lists, what is not finite as null."""
+def plain(value: Any) -> Any:
+    """JSON-ready: arrays as lists, data classes by their fields, what is not finite as null."""
     if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist()) if not np.isfinite(value).all() else value.tolist()
+        return plain(value.tolist()) if not np.isfinite(value).all() else value.tolist()
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain(item) for item in value]
+    if is_dataclass(value):
+        return plain(vars(value))
     return None if isinstance(value, float) and not math.isfinite(value) else value

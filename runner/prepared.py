@@ -20,11 +20,17 @@ from stancekit.planners.motion.leap_motion import leap_motion
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.path import LIFT_M, path_of
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.verify.geometry import tipping
 
-from .acceptance import Accepted, check_fits, check_joints, check_stands
+from .acceptance import Accepted, check_fits, check_joints
 from .control.tracker import Target, Tracker
-from .motion.bodies import motion_bodies
-from .motion.redundancy import RedundancyResolution, load_transfer, mean_forces, resolved
+from .motion.redundancy import (
+    RedundancyResolution,
+    load_transfer,
+    mean_forces,
+    motion_bodies,
+    resolved,
+)
 from .motion.time_parametrization import (
     BLIND,
     LIMIT_SHARE,
@@ -192,8 +198,9 @@ def _of_plan(
 ) -> Prepared:
     plan, sees = accepted.plan, _sees_feet(world, settings)
     if settings.check_limits:
-        if resumption is None and not settings.hung:
-            check_stands(accepted, settings.least_push)
+        stands = resumption is not None or settings.hung
+        if not stands and (tips := tipping(plan, settings.least_push)):
+            raise InvalidInput(f"{accepted.source}: {tips}; least_push 0 runs it all the same")
         check_fits(accepted, world)
     else:
         check_joints(accepted.source, plan.problem.robot, world, plan.problem.gravity_m_s2)

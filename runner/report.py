@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -15,7 +15,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import JointNeeds, load
 from .control.estimation import FrictionInterval, estimated, odometry_error_m
-from .log import Record, Trace
+from .log import Record, Trace, plain
 from .prepared import BodyFrom, Prepared, body_from
 from .safety.guard import Ended, SafeWorld
 from .settings import RunSettings, Tolerance
@@ -137,13 +137,7 @@ class Execution:
 
     def to_json(self) -> dict[str, Any]:
         """The figures without their trace, JSON-ready."""
-        record = {
-            item.name: getattr(self, item.name) for item in fields(self) if item.name != "trace"
-        }
-        return {
-            name: value.tolist() if isinstance(value, np.ndarray) else value
-            for name, value in record.items()
-        }
+        return dict(plain({name: each for name, each in vars(self).items() if name != "trace"}))
 
 
 def _wrong(
@@ -342,17 +336,15 @@ class RunReport:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
-        record = {name: value for name, value in self.__dict__.items() if name not in _NESTED}
-        numbers = {
-            n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in record.items()
-        }
-        return numbers | {
-            "ended": self.ended.to_json(),
-            "cycle_s": [None if not np.isfinite(value) else value for value in self.cycle_s],
+        record = {name: value for name, value in vars(self).items() if name not in _NESTED}
+        return dict(plain(record)) | {
+            "ended": plain(self.ended),
+            "cycle_s": plain(self.cycle_s),
             **{
                 name: (each := getattr(self, name)) and each.to_json()
-                for name in ("execution", "needs", "loads", "friction")
+                for name in ("execution", "needs", "loads")
             },
+            "friction": plain(self.friction),
         }
 
 

@@ -16,12 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.leg import Actuators
-from stancekit.planners.robot.robot_file import Servo
-from stancekit.planners.terrain import Patch
 
 from .acceptance import Accepted
 from .control.estimation import LegOdometry, SilentFeet
@@ -40,7 +36,7 @@ from .safety.estop import Source, Stopped, on_signals, watched
 from .safety.guard import Ended, SafeWorld, end
 from .safety.heartbeat import HeartbeatMonitor
 from .settings import RunSettings
-from .worlds.world import JointBus, State, Terrain, make_world
+from .worlds.world import JointBus, State, Terrain
 
 Progress = Callable[[int, int], None]
 Until = Callable[[Target, State], bool]
@@ -371,40 +367,3 @@ class Runner:
                 f"{target.sample.frame:.1f} {counted}, "
                 f"limits {1e3 * limits.body_m:.0f} mm and {limits.body_rad:g} rad"
             )
-
-
-def simulate(
-    plan: Plan,
-    world: str = "mujoco",
-    *,
-    settings: RunSettings = RunSettings(check_limits=False),
-    servo: Servo | None = None,
-    rate_hz: float | None = None,
-    terrain: Sequence[Patch] | None = None,
-    actuators: Actuators | None = None,
-    progress: Progress = lambda done, total: None,
-) -> RunReport:
-    """Run a plan in a simulated world, at the pace asked for: what was planned against what
-    happened.
-
-    Arguments:
-        world: "mujoco", "bullet", or FILE.py:NAME.
-        servo: of drawn-up legs, in place of the robot's own.
-        rate_hz: targets a second, the world's own where None.
-        terrain: what the world has, where that is not the plan's.
-        actuators: in place of the servo's limits.
-        progress: as of ``Runner``.
-
-    Raises:
-        InvalidInput: for a plan that the verifier rejects, a schedule that lifts all limbs at once,
-            a world that is no simulation, and without pinocchio.
-    """
-    accepted, course = Accepted.verified(plan, plan.problem.name), plan.problem
-    gravity = course.gravity_m_s2
-    made = make_world(
-        world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=gravity, actuators=actuators
-    )
-    if made.kind != "simulation":
-        made.close()
-        raise InvalidInput(f"world: expected a simulation, got {world}, which is {made.kind}")
-    return Runner(made, settings=settings, progress=progress).run(accepted, terrain)

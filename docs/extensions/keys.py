@@ -99,7 +99,7 @@ SECTIONS = (
     Section(
         "Simulations",
         "`stancekit/simulation/1`, YAML or JSON for `stancekit run --world mujoco|bullet --setup`.",
-        ("runner.worlds.settings:SimulationSetup",),
+        ("runner.worlds.world:SimulationSetup",),
     ),
     Section(
         "Robots behind a rosbridge",

@@ -97,7 +97,7 @@ def unheld(task: Walk) -> str:
     return (
         f"undecided, not looked for: from about ({last[0]:.2f}, {last[1]:.2f}) on the ground is "
         f"steeper than friction {task.friction:g} holds, and what holds feet beyond is more than "
-        f"{far_m:.2f} m away; one chart alone (--chart) looks all the same"
+        f"{far_m:.2f} m away; one chart alone, chart NAME, looks all the same"
     )
 
 

@@ -17,7 +17,6 @@ time to plan anew.
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -42,7 +41,7 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
-from ..log import Record
+from ..log import Record, plain
 from ..prepared import Prepared, Resumption, Tracked
 from ..run import Runner
 from ..safety.guard import Ended
@@ -53,6 +52,7 @@ from .estimation import (
     EmptyStep,
     FrictionEstimator,
     FrictionInterval,
+    SlipDetector,
     deviation_m,
     estimate_standing,
     found_offsets,
@@ -65,12 +65,6 @@ from .tracker import Target, Tracker
 Shares = tuple[float, ...]
 """Shares of the friction that a plan counts on, that there may be: the most cautious first."""
 _Estimate = Callable[[Record, float], Shares]
-_WINDOW_S = 0.05
-_SLID_M = 0.0015
-"""A loaded foot that moved so far along its surface within the window slides."""
-_STOOD_S = 0.1
-"""A foot that was put down less than this ago may still find its place."""
-_LOADED_N = 3.0
 LAND_M_S = 0.3
 STAND_S = 0.3
 """Feet in the air come down with this mean speed; then everybody stands for a while."""
@@ -79,32 +73,6 @@ _ATTEMPTS = 8
 """So often forces are chosen anew while feet slide on."""
 _GRIP_S = 0.1
 """So long new forces take to stop a foot."""
-
-
-class SlipDetector:
-    """Detector of feet that slide, from the measurements of every control period."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._window, self._stood = max(1, round(_WINDOW_S * rate_hz)), round(_STOOD_S * rate_hz)
-        self._feet = deque[Array](maxlen=self._window + 1)
-        self._foothold: NDArray[np.int_] | None = None
-        self._since = np.zeros(0, dtype=int)
-
-    def slipping(self, target: Target, state: State) -> NDArray[np.bool_]:
-        """shape (N,)."""
-        sample = target.sample
-        if self._foothold is None:
-            self._since = np.full(len(sample.foothold), self._stood)
-        else:
-            same = sample.foothold == self._foothold
-            self._since = np.where(same, self._since + 1, 0)
-        self._foothold = sample.foothold
-        self._feet.append(state.feet_m - target.rolled_m)
-        moved = self._feet[-1] - self._feet[0]
-        along = moved - np.einsum("ij,ij->i", moved, sample.normals)[:, None] * sample.normals
-        loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > _LOADED_N
-        stands = sample.stands & (self._since >= self._stood)
-        return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > _SLID_M))
 
 
 def standing_motion(
@@ -302,11 +270,7 @@ class LoopReport:
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as JSON-ready values; a number that is not finite becomes None."""
-        numbers = {
-            n: None if isinstance(v, float) and not np.isfinite(v) else v
-            for n, v in self.__dict__.items()
-        }
-        return numbers | {"ended": self.ended.to_json(), "friction": self.friction.to_json()}
+        return dict(plain(vars(self)))
 
 
 Answer = TypeVar("Answer")
@@ -350,18 +314,6 @@ def _retreat(motion: Played, frame: int) -> Played:
         )
 
     return Played(at=at, knots_s=np.linspace(0.0, duration_s, _KNOTS), solids=motion.solids)
-
-
-def _step_back(runner: Runner, prepared: Prepared, frame: int, state: State) -> Record:
-    """Undo the step to a key frame of a plan, from where the robot was measured; what was measured
-    on the way.
-
-    Raises Stopped, HardwareFault.
-    """
-    retreat, record = _retreat(prepared.motion, frame), Record()
-    tracked = _tracked(runner, prepared.kinematics, retreat, state)
-    runner.follow(replace(tracked, sees=prepared.sees), record)
-    return record
 
 
 _NEXT = 3
@@ -531,7 +483,9 @@ class ClosedLoop:
                 f"limb {plan.problem.robot.limb_names[limb]}: nothing at frame {self._frame}"
             )
             runner.decide("step back", self._surfaces[-1])
-        back = _step_back(runner, prepared, self._frame - begun, state)
+        retreat, back = _retreat(prepared.motion, self._frame - begun), Record()
+        tracked = _tracked(runner, prepared.kinematics, retreat, state)
+        runner.follow(replace(tracked, sees=prepared.sees), back)
         self._count(back, begun)
         for patch, toe_m in places:
             self._planning.course = without(self._planning.course, patch, toe_m, self._frame + 1)

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -135,15 +134,28 @@ class Replanner:
                 patch.with_friction(share * patch.friction) for patch in standing.patches
             )
             standing = replace(standing, patches=patches)
-        answer = partial(
-            self._answer,
-            frame=frame,
-            share=share,
-            standing=standing,
-            shares=shares,
-            limits=limits,
-            horizon=horizon or self._settings.horizon,
-        )
+
+        def planner_of(window: Problem) -> Planner:
+            observation = Observation(
+                window=window,
+                standing=standing,
+                state=self._runner.state,
+                friction_share=share,
+                frame=frame,
+            )
+            return self._policy(observation)
+
+        def answer(course: Problem) -> Answer[Plan]:
+            return replan(
+                standing,
+                slippery(course, share),
+                frame=frame,
+                horizon=horizon or self._settings.horizon or None,
+                planner=planner_of,
+                shares=shares,
+                limits=limits,
+            )
+
         outcome, course = answer(self.course), self.course
         if standing is not None:
             if slid and any(course.lifts[frame + 1 : frame + 2]) and _counts(outcome) > shares[0]:
@@ -200,39 +212,6 @@ class Replanner:
             what, f"{before} otherwise, now counting on {_counts(other):.2f} of the friction"
         )
         return other
-
-    def _answer(
-        self,
-        course: Problem,
-        *,
-        frame: int,
-        share: float,
-        standing: Standing | None,
-        shares: tuple[float, ...],
-        limits: WholeBodyLimits | None,
-        horizon: int,
-    ) -> Answer[Plan]:
-        """Answer of a policy's planner to a course with this share of its friction."""
-
-        def planner_of(window: Problem) -> Planner:
-            observation = Observation(
-                window=window,
-                standing=standing,
-                state=self._runner.state,
-                friction_share=share,
-                frame=frame,
-            )
-            return self._policy(observation)
-
-        return replan(
-            standing,
-            slippery(course, share),
-            frame=frame,
-            horizon=horizon or None,
-            planner=planner_of,
-            shares=shares,
-            limits=limits,
-        )
 
 
 def _easier(course: Problem, frame: int) -> Iterator[tuple[str, Problem]]:

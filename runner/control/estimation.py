@@ -17,11 +17,12 @@ too high, which the noise does not cover (docs/concepts/following.md).
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,16 +168,17 @@ class _Offsets:
             replace(
                 foothold,
                 candidates=tuple(map(moved, foothold.candidates)),
-                toe_m=None if foothold.toe_m is None else foothold.toe_m + _shift(foothold, moved),
+                toe_m=None
+                if foothold.toe_m is None
+                else foothold.toe_m
+                + (
+                    moved(foothold.candidates[0]).vertices_m[0]
+                    - foothold.candidates[0].vertices_m[0]
+                ),
             )
             for foothold in course.footholds
         )
         return replace(course, terrain=tuple(map(moved, course.terrain)), footholds=footholds)
-
-
-def _shift(foothold: Foothold, moved: Callable[[Patch], Patch]) -> Array:
-    patch = foothold.candidates[0]
-    return np.asarray(moved(patch).vertices_m[0] - patch.vertices_m[0])
 
 
 def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinematics) -> _Offsets:
@@ -443,6 +445,37 @@ _SHARES = np.linspace(0.005, 1.0, 200)
 _TAIL = 0.05
 
 
+_WINDOW_S = 0.05
+_SLID_M = 0.0015
+"""A loaded foot that moved so far along its surface within the window slides."""
+
+
+class SlipDetector:
+    """Detector of feet that slide, from the measurements of every control period."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._window, self._stood = max(1, round(_WINDOW_S * rate_hz)), round(_STOOD_S * rate_hz)
+        self._feet = deque[Array](maxlen=self._window + 1)
+        self._foothold: NDArray[np.int_] | None = None
+        self._since = np.zeros(0, dtype=int)
+
+    def slipping(self, target: Target, state: State) -> NDArray[np.bool_]:
+        """shape (N,)."""
+        sample = target.sample
+        if self._foothold is None:
+            self._since = np.full(len(sample.foothold), self._stood)
+        else:
+            same = sample.foothold == self._foothold
+            self._since = np.where(same, self._since + 1, 0)
+        self._foothold = sample.foothold
+        self._feet.append(state.feet_m - target.rolled_m)
+        moved = self._feet[-1] - self._feet[0]
+        along = moved - np.einsum("ij,ij->i", moved, sample.normals)[:, None] * sample.normals
+        loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > _LOADED_N
+        stands = sample.stands & (self._since >= self._stood)
+        return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > _SLID_M))
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrictionInterval:
     """Shares of the course's friction: the most likely, and the ends of 90 % of the likelihood.
@@ -471,10 +504,6 @@ class FrictionInterval:
         if self.slides:
             return f"{self.share:.2f} of the course's, {self.low:.2f} to {self.high:.2f} (90 %), by {feet}"
         return f"at least {self.low:.2f} of the course's (95 %), by {feet}"
-
-    def to_json(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return dict(self.__dict__)
 
 
 _Felt = tuple[bool, float, float]

@@ -70,6 +70,7 @@ class SwingSpeed:
             air: which legs are there, shape (N,).
         """
         period, slower = self._period_s, self._period_s / PAUSE_S
+        each = self._kinematics.of_joints
         if not air.any() or self._keeps_up(before, rates, angles):  # nobody is led, or late
             self._wanted, self.late = angles, np.zeros_like(air)
             self.pace = min(max(self.pace + slower, 0.0), 1.0)
@@ -77,9 +78,7 @@ class SwingSpeed:
         follows = (
             np.zeros_like(angles) if self._wanted is None else (angles - self._wanted) / period
         )
-        follows = follows * self._each(
-            self._used(follows) <= 1.0
-        )  # a jump is nothing to go along with
+        follows = follows * each(self._used(follows) <= 1.0)  # a jump is nothing to go along with
         away = angles - before - period * follows
         left = self._used(away)  # what is left of the way, in seconds at full speed
         steps = np.ceil(
@@ -89,19 +88,19 @@ class SwingSpeed:
         closing = 1.0 / (steps * period) + 0.5 * (steps - 1.0) * period / RAMP_S / np.maximum(
             left, 1e-12
         )
-        velocity = follows + self._each(closing) * away
-        velocity = velocity / self._each(np.maximum(1.0, self._used(velocity)))
+        velocity = follows + each(closing) * away
+        velocity = velocity / each(np.maximum(1.0, self._used(velocity)))
         change = velocity - rates
-        change = change / self._each(np.maximum(1.0, self._used(change) * RAMP_S / period))
+        change = change / each(np.maximum(1.0, self._used(change) * RAMP_S / period))
         on = before + period * (rates + change)
         on = np.minimum(np.maximum(on, self._kinematics.lowest_rad), self._kinematics.highest_rad)
-        led = np.where(self._each(air) > 0.0, on, angles)
+        led = np.where(each(air), on, angles)
         self._wanted = angles
         self.late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > _LATE_RAD
         self.pace = min(max(self.pace + (-slower if self.late.any() else slower), 0.0), 1.0)
         if not self.late.any():
             return angles
-        return np.asarray(np.where(self._each(self.late) > 0.0, led, angles))
+        return np.asarray(np.where(each(self.late), led, angles))
 
     def _keeps_up(self, before: Array, rates: Array, angles: Array) -> bool:
         """Tell whether joints that were where they should be come to the next angles within what
@@ -112,10 +111,6 @@ class SwingSpeed:
         velocity = (angles - before) / self._period_s
         change = np.abs(velocity - rates)
         return bool(((np.abs(velocity) <= self._most) & (change <= self._most_change)).all())
-
-    def _each(self, legs: Array | NDArray[np.bool_]) -> Array:
-        """Values of legs, repeated for their joints."""
-        return np.asarray(self._kinematics.of_joints(np.asarray(legs, dtype=np.float64)))
 
     def _used(self, velocity: Array) -> Array:
         """The share of what a leg can that it uses, shape (N,)."""
@@ -401,7 +396,7 @@ class Tracker:
             loads = self.kinematics.loads(state.angles_rad, state.rotation)
             self._found = state, loads
             torques = self.kinematics.torques_of(loads, forces_n)
-            self._loops.see(state, torques, self._of(self._feet.touched))
+            self._loops.see(state, torques, self._feet.touched[self.kinematics.legs])
         if self._time_s >= self._motion.duration_s:
             return None
         (now, wished), (then, wish) = self._coming.at(self._time_s), self._next
@@ -564,10 +559,6 @@ class Tracker:
         self._rolled = np.where(stands, self._rolled + moved, FADES * self._rolled)
         self._turned = turned
 
-    def _of(self, legs: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Flags of legs, repeated for their joints."""
-        return np.asarray(legs[self.kinematics.legs])
-
     def _solved(self, sample: Samples, wish: Array) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin.
 
@@ -591,8 +582,13 @@ class Tracker:
             other, missed = self.kinematics.reach(feet, wish, wish, up)
             straight = (error <= STRAY_M) & (missed <= STRAY_M)
             other = np.where(
-                self._of(straight), self._angles + self._drawn * (other - self._angles), other
+                self.kinematics.of_joints(straight),
+                self._angles + self._drawn * (other - self._angles),
+                other,
             )
             stuck &= straight | (missed < error)
-            angles, error = np.where(self._of(stuck), other, angles), np.where(stuck, missed, error)
+            angles, error = (
+                np.where(self.kinematics.of_joints(stuck), other, angles),
+                np.where(stuck, missed, error),
+            )
         return angles, error, origin

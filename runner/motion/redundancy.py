@@ -21,10 +21,14 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.report import Group
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.motion.motion import Played, Samples, smooth
 from stancekit.planners.motion.plan_motion import moments_at
+from stancekit.planners.robot.bodies import Bodies
+from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import (
     NEAR,
     Kinematics,
@@ -33,8 +37,10 @@ from stancekit.planners.robot.kinematics import (
     outward_rad,
     posture_cost,
 )
-from stancekit.planners.robot.leg import JOINTS, rotation_of
+from stancekit.planners.robot.leg import JOINTS, rotation_of, rotations_of
+from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.terrain.patch import Solid
+from stancekit.planners.verify.bodies import bodies_group, spaced as rows_apart
 
 _MIDDLES = (0.1, 0.3, 0.5, 0.7, 0.9)
 """Places in a control period at which forces are looked at, as shares of it before its end."""
@@ -310,3 +316,41 @@ def _cheapest(table: Table, near: Array | None, then: Array | None = None) -> Ar
     if then is not None:
         best[-1] = then
     return best
+
+
+def motion_bodies(plan: Plan, rows: Samples, kinematics: Kinematics) -> Group:
+    """Judge the postures of a plan's motion, ``APART_M`` apart.
+
+    Raises InvalidInput without coal.
+
+    Arguments:
+        rows: of the whole motion, as ``joint_profile`` has them.
+    """
+    bodies, some = Bodies(kinematics, Obstacles.of(plan.problem.terrain)), spaced(rows)
+    found = postures(rows, kinematics).at(some)
+    return bodies_group("motion", bodies, rows.frame[some], found, between=True)
+
+
+def postures(rows: Samples, kinematics: Kinematics) -> WholeBody:
+    """Postures that the whole robot should have at the ends of control periods."""
+    assert rows.origin_m is not None
+    assert rows.angles_rad is not None
+    return WholeBody(
+        rotation=rotations_of(rows.rotation_rad),
+        origin_m=rows.origin_m,
+        angles=rows.angles_rad,
+        toes_m=rows.feet_m - kinematics.radii_m[:, None] * rows.normals,
+        normals=rows.normals,
+        stands=rows.stands,
+    )
+
+
+def spaced(rows: Samples) -> NDArray[np.intp]:
+    """Numbers of the first row of a motion, of the last, and of as few in between as keep
+    neighbours within ``APART_M`` and ``TURN_RAD`` of each other.
+    """
+    assert rows.origin_m is not None
+    assert rows.angles_rad is not None
+    return rows_apart(
+        np.concatenate([rows.feet_m, rows.origin_m[:, None]], axis=1), rows.angles_rad
+    )

@@ -351,21 +351,18 @@ def parametrize(
             return profile
         name = max(uses, key=lambda n: uses[n][0] if n in LINEAR else uses[n][0] ** 0.5)
         pace *= 0.995 * slower
-        slowed = _at_pace(motion, pace, f"{name} of {can.joints[uses[name][1]]}")
+        bound_by = f"{name} of {can.joints[uses[name][1]]}"
+        assert motion.seconds is not None
+        assert motion.lasting is not None
+        slowed = replace(
+            motion.lasting(motion.seconds / pace), pace=motion.pace * pace, bound_by=bound_by
+        )
         if pace < _LEAST_PACE:
             break
     raise InvalidInput(
         f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by "
         f"{slowed.bound_by}"
     )
-
-
-def _at_pace(motion: Played, pace: float, bound_by: str) -> Played:
-    """A plan's motion at a pace of its own."""
-    assert motion.seconds is not None
-    assert motion.lasting is not None
-    slowed = motion.lasting(motion.seconds / pace)
-    return replace(slowed, pace=motion.pace * pace, bound_by=bound_by)
 
 
 def joint_profile(
@@ -396,9 +393,9 @@ def joint_profile(
     acceleration[1:-1] = (angles[2:] - 2.0 * angles[1:-1] + angles[:-2]) / period_s**2
     if not (hung or balanced):
         body[1:-1] = (rows.com_m[2:] - 2.0 * rows.com_m[1:-1] + rows.com_m[:-2]) / period_s**2
-    limbs = _Limbs(kinematics, kinematics.rotor_kg_m2 if drives is None else drives.rotor_kg_m2)
+    rotors = kinematics.rotor_kg_m2 if drives is None else drives.rotor_kg_m2
     moved = zip(angles, velocity, acceleration, rows.rows(), body, strict=True)
-    dynamic = np.array([limbs.torques(*row) for row in moved])
+    dynamic = np.array([moving_nm(kinematics, rotors, *row) for row in moved])
     static = rows.torques_nm
     if hung:
         nothing = np.zeros_like(rows.forces_n[0])
@@ -454,34 +451,30 @@ def expected(sample: Samples) -> Array:
     return np.asarray(sample.forces_n + 2.0 * BLIND.touch_n * sample.normals)
 
 
-class _Limbs:
-    """Torques that accelerations take: of the limbs' own masses and rotors, and of the body that
-    feet push.
+def moving_nm(
+    kinematics: Kinematics,
+    rotors_kg_m2: float | Array,
+    angles: Array,
+    velocity: Array,
+    acceleration: Array,
+    sample: Samples,
+    push: Array,
+) -> Array:
+    """Torques that accelerations take, shape (J,) [Nm]: of the limbs' own masses and rotors, and of
+    the body that feet push.
+
+    Arguments:
+        push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand.
     """
-
-    def __init__(self, kinematics: Kinematics, rotors_kg_m2: float | Array) -> None:
-        self._kinematics, self._rotors_kg_m2 = kinematics, rotors_kg_m2
-
-    def torques(
-        self, angles: Array, velocity: Array, acceleration: Array, sample: Samples, push: Array
-    ) -> Array:
-        """shape (J,) [Nm].
-
-        Arguments:
-            push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand.
-        """
-        robot = self._kinematics.robot
-        moving_nm = (
-            self._kinematics.inertial_torques(angles, velocity, acceleration)
-            + self._rotors_kg_m2 * acceleration
-        )
-        stands = sample.stands
-        shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
-        loads = self._kinematics.loads(angles, rotation_of(sample.rotation_rad))
-        with_push, without = (
-            self._kinematics.torques_of(loads, forces) for forces in (shared, np.zeros_like(shared))
-        )
-        return np.asarray(moving_nm + with_push - without)
+    own_nm = kinematics.inertial_torques(angles, velocity, acceleration)
+    own_nm = own_nm + rotors_kg_m2 * acceleration
+    stands, force_n = sample.stands, kinematics.robot.mass_kg * push
+    shared = np.where(stands[:, None], force_n / max(1, int(stands.sum())), 0.0)
+    loads = kinematics.loads(angles, rotation_of(sample.rotation_rad))
+    with_push, without = (
+        kinematics.torques_of(loads, forces) for forces in (shared, np.zeros_like(shared))
+    )
+    return np.asarray(own_nm + with_push - without)
 
 
 def _limit_use(

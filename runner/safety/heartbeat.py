@@ -16,6 +16,7 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from typing import IO, Self
 
 from stancekit.planners.errors import InvalidInput
@@ -38,13 +39,16 @@ class HeartbeatMonitor:
     Arguments:
         limit_s: the longest silence between two beats; the first begins the watch.
         alone: what stops the robot then, in words (``JointBus.alone``).
+        clock: by which answers are late, in seconds, never set back.
 
     Raises:
         InvalidInput: where the monitor did not start.
     """
 
-    def __init__(self, limit_s: float, alone: str) -> None:
-        self.limit_s, self._alone = limit_s, alone
+    def __init__(
+        self, limit_s: float, alone: str, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.limit_s, self._alone, self._clock = limit_s, alone, clock
         self._child: subprocess.Popen[bytes] | None = None
         self._asked_s: float | None = None  # when the first beat was that has no answer yet
         self._unresponsive = False
@@ -57,7 +61,7 @@ class HeartbeatMonitor:
     def beat(self) -> None:
         """The host lives."""
         if self._asked_s is None:
-            self._asked_s = time.monotonic()
+            self._asked_s = self._clock()
         self._say(_BEAT)
 
     def rest(self) -> None:
@@ -74,7 +78,7 @@ class HeartbeatMonitor:
         asked_s = self._asked_s
         if self._answered():
             self._asked_s = None
-        elif asked_s is not None and time.monotonic() - asked_s > max(4.0 * self.limit_s, ANSWER_S):
+        elif asked_s is not None and self._clock() - asked_s > max(4.0 * self.limit_s, ANSWER_S):
             self._unresponsive = True
         return "the heartbeat monitor does not answer" if self._unresponsive else None
 

@@ -5,16 +5,19 @@ in its contacts.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from inspect import isbuiltin
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import installed
 from stancekit.planners.files.arrays import Array, cross
 
-from .settings import points
 from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, simulated_body
-from .world import Ground, State, Terrain
+from .world import Ground, State, Terrain, points
 
 
 class BulletWorld(SimulatedWorld):
@@ -32,7 +35,7 @@ class BulletWorld(SimulatedWorld):
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         super().__init__(*arguments, **options)
-        self._bullet = pybullet = installed(
+        pybullet = installed(
             "pybullet", "world", "PyBullet", "bullet (Linux, Python 3.11)", "catalogue"
         )
         self.body = simulated_body(  # PyBullet knows no rotors
@@ -40,7 +43,13 @@ class BulletWorld(SimulatedWorld):
             mass_share=self.imperfections.mass_share,
             rotors_kg_m2=self.drives.rotor_kg_m2,
         )
-        self._client = pybullet.connect(pybullet.DIRECT)
+        client = pybullet.connect(pybullet.DIRECT)
+        self._bullet: Any = SimpleNamespace(  # every call with the number of this client
+            **{
+                name: partial(each, physicsClientId=client) if isbuiltin(each) else each
+                for name, each in vars(pybullet).items()
+            }
+        )
 
     def _placed(
         self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
@@ -51,19 +60,18 @@ class BulletWorld(SimulatedWorld):
         self._counts = np.zeros(len(self._feet))
         self._soften(np.ones(len(self._feet)))
         self._lay(terrain)
-        bullet, client = self._bullet, self._client
+        bullet = self._bullet
         bullet.resetBasePositionAndOrientation(
             self._robot,
             (position_m + rotation @ self._heart_m).tolist(),
-            _quaternion(rotation @ self._heart),
-            physicsClientId=client,
+            Rotation.from_matrix(rotation @ self._heart).as_quat().tolist(),
         )
         self._place_joints(angles_rad)
         self._time = 0.0
         return self._state(np.zeros((len(self._feet), 3)), 0.0, np.zeros(len(self._motors)))
 
     def _advanced(self, targets_rad: Array) -> State:
-        bullet, client, drives = self._bullet, self._client, self.drives
+        bullet, drives = self._bullet, self.drives
         stiffness = self.imperfections.stiffness_share * drives.stiffness_nm_rad
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         push = self.imperfections.pushed_n(self._time)
@@ -73,12 +81,8 @@ class BulletWorld(SimulatedWorld):
             if carried:
                 self._bear()
             if push.any():  # a step forgets it
-                at, _turn = bullet.getBasePositionAndOrientation(
-                    self._robot, physicsClientId=client
-                )
-                bullet.applyExternalForce(
-                    self._robot, -1, push.tolist(), at, bullet.WORLD_FRAME, physicsClientId=client
-                )
+                at, _turn = bullet.getBasePositionAndOrientation(self._robot)
+                bullet.applyExternalForce(self._robot, -1, push.tolist(), at, bullet.WORLD_FRAME)
             angles, rates = self._joint_state()
             torques = stiffness * (targets_rad - angles) - drives.damping_nms_rad * rates
             torques = np.clip(torques, *drives.torque_range(rates))
@@ -87,7 +91,6 @@ class BulletWorld(SimulatedWorld):
                 self._motors,
                 bullet.TORQUE_CONTROL,
                 forces=torques.tolist(),
-                physicsClientId=client,
             )
             if resisted:  # as motors that hold still with no more than this: none turns them back
                 bullet.setJointMotorControlArray(
@@ -95,9 +98,8 @@ class BulletWorld(SimulatedWorld):
                     self._motors,
                     bullet.VELOCITY_CONTROL,
                     forces=(drives.viscous_nms_rad * np.abs(rates) + drives.dry_nm).tolist(),
-                    physicsClientId=client,
                 )
-            bullet.stepSimulation(physicsClientId=client)
+            bullet.stepSimulation()
             bump += self._contacts(forces)
         self._time += self._substeps * PHYSICS_S
         return self._state(forces / self._substeps, bump / self._substeps, torques)
@@ -106,13 +108,10 @@ class BulletWorld(SimulatedWorld):
         """Put what is carried on the body for one step: a force at the robot's centre of mass, and
         a pair of forces, as PyBullet turns torques on a base into axes of its own.
         """
-        bullet, client, (force, moment) = self._bullet, self._client, np.split(self._carried, 2)
-        poses = [bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)[0]]
-        if links := list(range(bullet.getNumJoints(self._robot, physicsClientId=client))):
-            poses += [
-                state[0]
-                for state in bullet.getLinkStates(self._robot, links, physicsClientId=client)
-            ]
+        bullet, (force, moment) = self._bullet, np.split(self._carried, 2)
+        poses = [bullet.getBasePositionAndOrientation(self._robot)[0]]
+        if links := list(range(bullet.getNumJoints(self._robot))):
+            poses += [state[0] for state in bullet.getLinkStates(self._robot, links)]
         com = np.average(np.array(poses), axis=0, weights=self._masses)
         arm = np.eye(3)[int(np.abs(moment).argmin())]
         arm = arm - moment * (arm @ moment) / max(
@@ -126,34 +125,32 @@ class BulletWorld(SimulatedWorld):
                 each.tolist(),
                 at.tolist(),
                 bullet.WORLD_FRAME,
-                physicsClientId=client,
             )
 
     def close(self) -> None:
         """Disconnect from the physics server."""
-        if self._client >= 0:
-            self._bullet.disconnect(physicsClientId=self._client)
-            self._client = -1
+        if self._bullet is not None:
+            self._bullet.disconnect()
+            self._bullet = None
 
     def _begin(self) -> None:
         """An empty world.
 
         The order of contacts is fixed, or two runs differ.
         """
-        bullet, client = self._bullet, self._client
-        bullet.resetSimulation(physicsClientId=client)
-        bullet.setGravity(0.0, 0.0, -self.gravity_m_s2, physicsClientId=client)
+        bullet = self._bullet
+        bullet.resetSimulation()
+        bullet.setGravity(0.0, 0.0, -self.gravity_m_s2)
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=PHYSICS_S,
             numSolverIterations=150,
             deterministicOverlappingPairs=1,
             enableConeFriction=1,
-            physicsClientId=client,
         )
 
     def _lay(self, terrain: Terrain) -> None:
         """Every patch as a static convex body, or heights as a field, with their friction."""
-        bullet, client = self._bullet, self._client
+        bullet = self._bullet
         if isinstance(terrain, Ground):
             x, y, heights = terrain.even(SPACING_M)
             shape = bullet.createCollisionShape(
@@ -162,7 +159,6 @@ class BulletWorld(SimulatedWorld):
                 heightfieldData=heights.T.ravel().tolist(),
                 numHeightfieldRows=len(x),
                 numHeightfieldColumns=len(y),
-                physicsClientId=client,
             )
             middle = np.array(  # where PyBullet has its origin
                 [x.mean(), y.mean(), 0.5 * (heights.min() + heights.max())]
@@ -176,16 +172,13 @@ class BulletWorld(SimulatedWorld):
                 bullet.GEOM_MESH,
                 vertices=(solid.corners - middle).tolist(),
                 indices=solid.triangles.ravel().tolist(),
-                physicsClientId=client,
             )
             self._still(shape, middle - self._origin_m, patch.friction)
 
     def _still(self, shape: int, middle: Array, friction: float) -> None:
         """A body that does not move."""
-        bullet, client = self._bullet, self._client
-        body = bullet.createMultiBody(
-            0.0, shape, basePosition=middle.tolist(), physicsClientId=client
-        )
+        bullet = self._bullet
+        body = bullet.createMultiBody(0.0, shape, basePosition=middle.tolist())
         bullet.changeDynamics(
             body,
             -1,
@@ -193,7 +186,6 @@ class BulletWorld(SimulatedWorld):
             rollingFriction=0.0,
             spinningFriction=0.0,
             restitution=0.0,
-            physicsClientId=client,
         )
 
     def _soften(self, counts: Array) -> None:
@@ -213,7 +205,6 @@ class BulletWorld(SimulatedWorld):
                 self._feet[foot],
                 contactStiffness=share * self.contact.stiffness_n_m,
                 contactDamping=share * damping,
-                physicsClientId=self._client,
             )
         self._counts = counts
 
@@ -222,7 +213,7 @@ class BulletWorld(SimulatedWorld):
         import tempfile
         from pathlib import Path
 
-        bullet, client = self._bullet, self._client
+        bullet = self._bullet
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
             path.write_text(self.body.urdf, encoding="utf-8")
@@ -231,31 +222,24 @@ class BulletWorld(SimulatedWorld):
             flags = (
                 bullet.URDF_USE_INERTIA_FROM_FILE | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_PARENT
             )
-            robot = bullet.loadURDF(
-                str(path), flags=flags | bullet.URDF_USE_SELF_COLLISION, physicsClientId=client
-            )
+            robot = bullet.loadURDF(str(path), flags=flags | bullet.URDF_USE_SELF_COLLISION)
         names, self._links = {}, {self.body.base: -1}
-        for index in range(bullet.getNumJoints(robot, physicsClientId=client)):
-            info = bullet.getJointInfo(robot, index, physicsClientId=client)
+        for index in range(bullet.getNumJoints(robot)):
+            info = bullet.getJointInfo(robot, index)
             names[info[1].decode()] = self._links[info[12].decode()] = index
         self._motors = [names[joint] for joint in self.joints]
         self._feet = [self._links[foot] for foot in self.body.feet]
-        heart = bullet.getDynamicsInfo(
-            robot, -1, physicsClientId=client
-        )  # PyBullet's base is at its centre of mass
+        heart = bullet.getDynamicsInfo(robot, -1)  # PyBullet's base is at its centre of mass
         self._heart_m, self._heart = np.array(heart[3]), _matrix(heart[4])
-        links = range(-1, bullet.getNumJoints(robot, physicsClientId=client))
-        self._masses = [
-            bullet.getDynamicsInfo(robot, link, physicsClientId=client)[0] for link in links
-        ]
+        links = range(-1, bullet.getNumJoints(robot))
+        self._masses = [bullet.getDynamicsInfo(robot, link)[0] for link in links]
         bullet.setJointMotorControlArray(
             robot,
             self._motors,
             bullet.VELOCITY_CONTROL,
             forces=[0.0] * len(self._motors),
-            physicsClientId=client,
         )
-        for link in range(-1, bullet.getNumJoints(robot, physicsClientId=client)):
+        for link in range(-1, bullet.getNumJoints(robot)):
             bullet.changeDynamics(
                 robot,
                 link,
@@ -266,7 +250,6 @@ class BulletWorld(SimulatedWorld):
                 linearDamping=0.0,
                 angularDamping=0.0,
                 jointDamping=0.0,
-                physicsClientId=client,
             )
         return int(robot)
 
@@ -274,29 +257,23 @@ class BulletWorld(SimulatedWorld):
         """Links never collide where the model says so, and where they overlap as the robot stands:
         drawn so.
         """
-        bullet, client = self._bullet, self._client
+        bullet = self._bullet
         self._place_joints(np.concatenate([leg.stance_rad for leg in self.model.legs]))
         pairs = [(self._links[first], self._links[second]) for first, second in self.body.apart]
-        bullet.performCollisionDetection(physicsClientId=client)
+        bullet.performCollisionDetection()
         pairs += [
             (contact[3], contact[4])
-            for contact in bullet.getContactPoints(self._robot, self._robot, physicsClientId=client)
+            for contact in bullet.getContactPoints(self._robot, self._robot)
         ]
         for first, second in pairs:
-            bullet.setCollisionFilterPair(
-                self._robot, self._robot, first, second, 0, physicsClientId=client
-            )
+            bullet.setCollisionFilterPair(self._robot, self._robot, first, second, 0)
 
     def _place_joints(self, angles_rad: Array) -> None:
         for joint, angle in zip(self._motors, angles_rad, strict=True):
-            self._bullet.resetJointState(
-                self._robot, joint, float(angle), physicsClientId=self._client
-            )
+            self._bullet.resetJointState(self._robot, joint, float(angle))
 
     def _joint_state(self) -> tuple[Array, Array]:
-        states = self._bullet.getJointStates(
-            self._robot, self._motors, physicsClientId=self._client
-        )
+        states = self._bullet.getJointStates(self._robot, self._motors)
         return np.array([state[0] for state in states]), np.array([state[1] for state in states])
 
     def _contacts(self, forces: Array) -> float:
@@ -305,9 +282,7 @@ class BulletWorld(SimulatedWorld):
         """
         bump = 0.0
         touched: dict[int, list[tuple[float, Array]]] = {}
-        for contact in self._bullet.getContactPoints(
-            bodyA=self._robot, physicsClientId=self._client
-        ):
+        for contact in self._bullet.getContactPoints(bodyA=self._robot):
             normal, first, second = (np.array(contact[k]) for k in (7, 11, 13))
             force = contact[9] * normal + contact[10] * first + contact[12] * second
             if contact[2] != self._robot and contact[3] in self._feet:
@@ -323,17 +298,13 @@ class BulletWorld(SimulatedWorld):
         return bump
 
     def _state(self, forces: Array, bump: float, torques: Array) -> State:
-        bullet, client = self._bullet, self._client
-        middle, quaternion = bullet.getBasePositionAndOrientation(
-            self._robot, physicsClientId=client
-        )
+        bullet = self._bullet
+        middle, quaternion = bullet.getBasePositionAndOrientation(self._robot)
         rotation = _matrix(quaternion) @ self._heart.T
         arm = rotation @ self._heart_m
-        linear, angular = np.array(bullet.getBaseVelocity(self._robot, physicsClientId=client))
+        linear, angular = np.array(bullet.getBaseVelocity(self._robot))
         angles, rates = self._joint_state()
-        links = bullet.getLinkStates(
-            self._robot, self._feet, computeForwardKinematics=1, physicsClientId=client
-        )
+        links = bullet.getLinkStates(self._robot, self._feet, computeForwardKinematics=1)
         turns = np.array([_matrix(link[5]) for link in links])
         return State(
             time_s=self._time,
@@ -353,13 +324,4 @@ class BulletWorld(SimulatedWorld):
 
 def _matrix(quaternion: Sequence[float]) -> Array:
     """The rotation matrix of (x, y, z, w), shape (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
     return np.asarray(Rotation.from_quat(quaternion).as_matrix())
-
-
-def _quaternion(rotation: Array) -> list[float]:
-    """(x, y, z, w) of a rotation matrix."""
-    from scipy.spatial.transform import Rotation
-
-    return [float(v) for v in Rotation.from_matrix(rotation).as_quat()]

@@ -13,14 +13,13 @@ from typing import Any, Self
 import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo
 
 from .drives import Drives
-from .settings import WorldSettings
-from .world import JointBus, State, Terrain, WorldKind, check_state
+from .world import JointBus, State, Terrain, WorldKind, WorldSettings, check_state
 
 
 class ReplayWorld(JointBus):
@@ -45,7 +44,8 @@ class ReplayWorld(JointBus):
             raise InvalidInput(
                 f"{path}: expected a log of a robot with joints {drives.joints[0]} …, got a log of another robot"
             )
-        rate_hz, sees = _rate(plan["rate_hz"], path), bool(plan.get("sees", True))
+        rate_hz = checked(plan["rate_hz"], f"{path}: rate_hz", least=1.0, most=1000.0)
+        sees = bool(plan.get("sees", True))
         super().__init__(robot, servo, _loops(plan, drives, path), rate_hz, senses=sees)
         self.digest, self.whole = str(plan["digest"]), recorded.whole
         self._states = [
@@ -127,12 +127,6 @@ def _loops(plan: Mapping[str, Any], drives: Drives, path: str | Path) -> Drives:
         rotor_kg_m2=rotor,
         yields=bool(plan.get("yields", True)),
     )
-
-
-def _rate(value: float, path: str | Path) -> float:
-    if not 1.0 <= value <= 1000.0:
-        raise InvalidInput(f"{path}: rate_hz: expected 1 to 1000, got {value:g}")
-    return float(value)
 
 
 def listed(names: Sequence[str]) -> str:

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from stancekit.planners.errors import installed
 from stancekit.planners.files.arrays import Array, cross
 
-from .settings import points
 from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, simulated_body
-from .world import Ground, State, Terrain
+from .world import Ground, State, Terrain, points
 
 _CONTACT_S, _CONTACT_DAMPING = 0.004, 1.0
 """Time constant and damping ratio of a contact (solref)."""

@@ -27,8 +27,16 @@ from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import RobotModel
 
 from .drives import Drives, Imperfections
-from .settings import SimulationSetup, SoftContact, WorldSettings, read_setup
-from .world import JointBus, State, Terrain, WorldKind
+from .world import (
+    JointBus,
+    SimulationSetup,
+    SoftContact,
+    State,
+    Terrain,
+    WorldKind,
+    WorldSettings,
+    read_setup,
+)
 
 _SPECK = 1e-6
 """Share of the robot's mass that a root without one gets: simulators take what weighs nothing for

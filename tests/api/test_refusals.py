@@ -18,8 +18,7 @@ from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.search.methods import SETTINGS
 from stancekit.postures import planner_of
-from stancekit.runner.worlds.settings import WorldSettings
-from stancekit.runner.worlds.world import WORLDS
+from stancekit.runner.worlds.world import WORLDS, WorldSettings
 from tests.refusals import refuses
 
 SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"

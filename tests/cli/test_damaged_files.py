@@ -25,8 +25,8 @@ import pytest
 import yaml
 
 from stancekit.cli import console
+from stancekit.cli.label import Sample
 from stancekit.cli.main import INTERNAL, parse, run
-from stancekit.cli.sample import Sample
 from stancekit.cli.verify import Verify
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.robot import Limb, Robot, hexapod

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from stancekit.cli.console import out
-from stancekit.cli.evaluate import score_table
+from stancekit.cli.fit import score_table
 from stancekit.cli.run import loop_table, unused
 from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share
 from stancekit.learners.selectors.network import Architecture, BoxNetwork

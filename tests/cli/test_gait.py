@@ -450,13 +450,21 @@ def test_terrains_robots_and_walks_that_cannot_be_are_one_line(refusal, files, a
     assert refusal("gait", *arguments, "--out", "walk.json").startswith(message)
 
 
-def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_before_any_work(
+def test_a_wall_on_the_way_that_is_too_steep_for_friction_is_said_as_a_search_begins(
     gait, monkeypatch
 ):
-    def work(*_):
+    code, _, err = gait("hill", "--start=-2.6,0", "--goal=-0.4,0.35")  # none begins
+    assert (
+        code,
+        err.count("\n"),
+        err.endswith("; one chart alone, --chart NAME, looks all the same\n"),
+    ) == (1, 1, True)
+
+    def work(*asked, progress, **_):
+        progress(asked[3][0], 1, 1.0, 1.0, "feasible")
         raise PlanningFailed("work")
 
-    monkeypatch.setattr(gait_command.PlanGait, "_plan", work)
+    monkeypatch.setattr("stancekit.walks.walked", work)
     code, _, err = gait("pit", "--goal", "2.2,0", "--chart", "ambient")
     assert code == 1
     assert err == (

@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.cli.main import run
 from stancekit.cli.options import TerrainFile
-from stancekit.cli.warp import Warp
+from stancekit.cli.terrain import Warp
 from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES, level_of

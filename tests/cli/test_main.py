@@ -17,7 +17,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from stancekit.cli import console, sample
+from stancekit.cli import console, label
 from stancekit.cli.about import DOCUMENTED_S, About
 from stancekit.cli.main import commands, run
 from stancekit.cli.options import NAMES
@@ -241,7 +241,7 @@ def test_what_fails_on_purpose_is_one_line_and_an_exit_code(
     def fail(_):
         raise error
 
-    monkeypatch.setattr(sample.Sample, "run", fail)
+    monkeypatch.setattr(label.Sample, "run", fail)
     monkeypatch.setattr("stancekit.cli.main._close_output", lambda: None)  # it would close pytest's
     ran = stancekit("sample", "wall-3")
     assert (ran.code, ran.out, ran.err) == (code, "", message + "\n")

@@ -18,8 +18,7 @@ import yaml
 
 from stancekit import Motion
 from stancekit.cli.main import main, run
-from stancekit.cli.replay import Replay
-from stancekit.cli.run import RunMotion
+from stancekit.cli.run import Replay, RunMotion
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course

@@ -20,8 +20,7 @@ from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 from stancekit.runner.safety.guard import Limits
 from stancekit.runner.worlds.drives import Drives
-from stancekit.runner.worlds.settings import WorldSettings
-from stancekit.runner.worlds.world import JointBus, State
+from stancekit.runner.worlds.world import JointBus, State, WorldSettings
 
 FREQUENCY_RAD_S = 60.0
 PATIENT = Limits(silent_s=5.0)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
-import time
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
@@ -21,7 +19,7 @@ from stancekit.runner.worlds.world import State
 from tests.emulators import rosbridge, rosbridge_protocol
 from tests.emulators.rosbridge import RosBridge
 
-from .fast_time import PACE, FastTime
+from .fast_time import PACE, FastTime, on_robot_time
 
 ROBOT = hexapod()
 JOINTS = joint_names(ROBOT)
@@ -36,44 +34,6 @@ def reset(world: RosWorld) -> State:
 def commands(bridge: RosBridge) -> list[str]:
     """What came, in time or, from a busy machine, late."""
     return [what.removeprefix("late ") for what, _ in bridge.log if not what.startswith("fault")]
-
-
-class RobotTime:
-    """A clock for the host: the emulated robot's, which stands still while the machine does not run
-    the robot.
-    """
-
-    def __init__(self, bridge: RosBridge) -> None:
-        self._robot = bridge.robot
-
-    def monotonic(self) -> float:
-        """The robot's time [s]."""
-        return self._robot.now_s
-
-    def sleep(self, seconds: float) -> None:
-        """Let so much of it pass."""
-        until_s = self.monotonic() + seconds
-        while self.monotonic() < until_s:
-            time.sleep(0.001)
-
-
-@contextlib.contextmanager
-def on_robot_time(bridge: RosBridge) -> Iterator[None]:
-    """Let a host behind ROS live by the robot's clock meanwhile: a busy machine makes both slow,
-    and neither late.
-    """
-    worlds = "stancekit.runner.worlds."
-    names = [
-        name for name in sys.modules if name.startswith((f"{worlds}ros.", f"{worlds}hardware"))
-    ]
-    timed = [
-        sys.modules[name] for name in names if getattr(sys.modules[name], "time", None) is time
-    ]
-    assert len(timed) > 3
-    with pytest.MonkeyPatch.context() as patched:
-        for module in timed:
-            patched.setattr(module, "time", RobotTime(bridge))
-        yield
 
 
 @contextlib.contextmanager
@@ -110,7 +70,7 @@ def emulated(
         with (
             heard(),
             RosBridge(names, position_rad, **settings) as bridge,
-            on_robot_time(bridge),
+            on_robot_time("ros", lambda: bridge.robot.now_s),
         ):
             yield bridge
 

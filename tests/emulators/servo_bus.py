@@ -97,7 +97,7 @@ class EmulatedBus(threading.Thread):
     Arguments:
         position_rad: of the shafts at first, from tick 2048.
         wire: bytes take as long as at the port's baud rate.
-        model, firmware, baud: of all servos. goal_packets_s, torque_packets_s: when a packet with
+        model, firmware, baud: of all servos. clock: their own. goal_packets_s, torque_packets_s: when a packet with
             goals came, and one that switches torques on; goals: the ticks in it, servo by servo.
     """
 
@@ -119,7 +119,7 @@ class EmulatedBus(threading.Thread):
         self.goal_packets_s: list[float] = []
         self.torque_packets_s: list[float] = []
         self._wire, self._rng = wire, np.random.default_rng(seed)
-        self._answers, self._clock = ServoAnswers(self.servos, self._rng), EmulatedTime()
+        self._answers, self.clock = ServoAnswers(self.servos, self._rng), EmulatedTime()
         self._master, self._slave = os.openpty()
         tty.setraw(self._master)
         os.set_blocking(self._master, False)
@@ -175,7 +175,7 @@ class EmulatedBus(threading.Thread):
             servos, n = self.servos, range(len(self.servos.ids))
             return {
                 "now_s": time.monotonic(),
-                "time_share": self._clock.share,
+                "time_share": self.clock.share,
                 "ids": servos.ids,
                 "position_rad": servos.position.tolist(),
                 "rate_rad_s": servos.rate.tolist(),
@@ -235,7 +235,7 @@ class EmulatedBus(threading.Thread):
 
     def _served(self, request: p2.Request, began: float) -> tuple[float, bytes]:
         """When the last byte of an answer is due, and the answer."""
-        heard = self._clock.tick()
+        heard = self.clock.tick()
         for index in range(len(self.servos.ids)):
             if self.servos.powered[index] and index not in self._answers.silent:
                 self.servos.hear(index, heard)
@@ -250,7 +250,7 @@ class EmulatedBus(threading.Thread):
 
     def _pass(self) -> None:
         """Let emulated time pass for the servos."""
-        self.servos.advance(self._clock.tick())
+        self.servos.advance(self.clock.tick())
         if self.servos.moved_s != self._moved_s:
             self._moved_s, self._still_s = self.servos.moved_s, time.monotonic()
 

@@ -47,7 +47,7 @@ from stancekit.runner.control.foot_placement import (
     FootPlacement,
 )
 from stancekit.runner.report import RunReport
-from stancekit.runner.run import Runner, simulate
+from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.world import State, make_world
 from tests.planners.robot.small_urdfs import quadruped
@@ -322,7 +322,7 @@ def crawl(tmp_path_factory: pytest.TempPathFactory) -> Motion:
 def test_a_quadruped_of_a_file_crawls_over_three_feet_and_none_of_them_slips(
     crawl: Motion, rate_hz: float
 ) -> None:
-    report = simulate(crawl, rate_hz=rate_hz)
+    report = stancekit.simulate(crawl, make_world("mujoco", crawl.robot, rate_hz=rate_hz))
     assert report.succeeded, report.message
     assert report.execution.body_rms_m < 0.006
     assert report.execution.slip_m.max() < 0.008

@@ -32,7 +32,7 @@ from stancekit.runner.worlds.dynamixel.control_table import (
 )
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.devices import bus_process
-from tests.emulators.fast_time import FastTime
+from tests.emulators.fast_time import FastTime, on_robot_time
 from tests.emulators.servo_bus import FAULTS, EmulatedBus
 from tests.emulators.wrong_calibration import spoiled
 from tests.refusals import refuses
@@ -66,7 +66,10 @@ def mirrored(port: str) -> Calibration:
 
 @pytest.fixture
 def bus() -> Iterator[EmulatedBus]:
-    with EmulatedBus(range(1, 25), mirrored("none").shafts(JOINTS, START).tolist()) as made:
+    with (
+        EmulatedBus(range(1, 25), mirrored("none").shafts(JOINTS, START).tolist()) as made,
+        on_robot_time("dynamixel", lambda: made.clock.now, made.is_alive),
+    ):
         yield made
 
 
@@ -323,7 +326,10 @@ def calibrated(port: str) -> Calibration:
 
 @pytest.fixture
 def plain_bus() -> Iterator[EmulatedBus]:
-    with EmulatedBus(range(1, 25), START.tolist()) as made:
+    with (
+        EmulatedBus(range(1, 25), START.tolist()) as made,
+        on_robot_time("dynamixel", lambda: made.clock.now, made.is_alive),
+    ):
         yield made
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import stancekit
 from stancekit import Motion
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.plan_motion import Timing, plan_motion
@@ -33,7 +34,7 @@ from stancekit.runner.control.tracker import Target, Tracker
 from stancekit.runner.log import Record
 from stancekit.runner.motion.time_parametrization import BLIND, RATE_HZ, expected
 from stancekit.runner.report import RunReport
-from stancekit.runner.run import Runner, simulate
+from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.world import State, make_world
 from tests.runner.test_friction import PERIOD_S, felt
@@ -201,7 +202,7 @@ def climbed() -> dict[bool, RunReport]:
         settings = RunSettings(
             check_limits=False, blind=True, odometry=odometry, timing=Timing().at_pace(2.0)
         )
-        return simulate(outcome.solution, settings=settings)
+        return stancekit.simulate(outcome.solution, settings=settings)
 
     return {odometry: run(odometry) for odometry in (False, True)}
 

@@ -16,8 +16,8 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
 from stancekit.planners.terrain import Patch
-from stancekit.runner.control.closed_loop import LAND_M_S, STAND_S, SlipDetector, standing_motion
-from stancekit.runner.control.estimation import FrictionEstimator, FrictionInterval
+from stancekit.runner.control.closed_loop import LAND_M_S, STAND_S, standing_motion
+from stancekit.runner.control.estimation import FrictionEstimator, FrictionInterval, SlipDetector
 from stancekit.runner.control.tracker import Target
 from stancekit.runner.log import Record
 from stancekit.runner.worlds.world import State

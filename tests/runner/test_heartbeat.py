@@ -107,15 +107,17 @@ def test_a_heartbeat_monitor_that_is_killed_is_a_reason_to_stop() -> None:
 def test_a_heartbeat_monitor_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    now_s = [0.0]
+
     def beaten() -> bool:
         monitor.beat()
+        now_s[0] += 0.1 * monitor.limit_s
         return monitor.gone() is not None
 
-    with HeartbeatMonitor(0.3, "") as monitor:
-        lives = time.monotonic() + 1.2 * max(4.0 * monitor.limit_s, ANSWER_S)
-        while time.monotonic() < lives:
+    with HeartbeatMonitor(60.0, "", clock=lambda: now_s[0]) as monitor:
+        while now_s[0] < 1.2 * max(4.0 * monitor.limit_s, ANSWER_S):
             assert not beaten()
-            time.sleep(0.01)
+            until(lambda: monitor.gone() is None and monitor._asked_s is None)  # it answers
         pid = monitor.pid
         os.kill(pid, signal.SIGSTOP)
         until(beaten)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import stancekit
 from stancekit import Motion
 from stancekit.planners.answer.plan import MARGIN
 from stancekit.planners.errors import HardwareFault
@@ -23,7 +24,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
+from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
 from stancekit.planners.verify import check_plan
@@ -32,7 +33,7 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.log import McapLog, read_log
 from stancekit.runner.prepared import Prepared, Resumption
 from stancekit.runner.report import Execution, RunReport
-from stancekit.runner.run import Runner, simulate
+from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings, Tolerance
 from stancekit.runner.worlds.world import make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld, silent
@@ -328,7 +329,7 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
         report = Runner(make_world("mujoco", course.robot), settings=FAST, log=log).run(accepted)
     assert report.succeeded, report.message
     timing = FAST.timing.at_pace(report.pace)
-    alone = simulate(
+    alone = stancekit.simulate(
         accepted.plan, settings=RunSettings(timing=timing, check_limits=False)
     ).execution
     assert report.execution.com_worst_m == pytest.approx(alone.com_worst_m, abs=2e-4)
@@ -407,7 +408,7 @@ UNCHECKED = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
 
 def executed(plan: Motion, world: str = "mujoco", **options: Any) -> Execution:
     """What the record of a simulation says."""
-    report = simulate(plan, world, **({"settings": UNCHECKED} | options))
+    report = stancekit.simulate(plan, world, **({"settings": UNCHECKED} | options))
     assert report.succeeded == report.execution.succeeded
     return report.execution
 
@@ -464,9 +465,7 @@ def test_the_same_plan_runs_the_same_way_twice(
 def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reported(
     step: Callable[[str], Motion],
 ) -> None:
-    plan = step("walls")
-    settings = RunSettings(check_limits=False)
-    run = executed(plan, settings=settings, terrain=slippery(plan.problem, 0.2).terrain)
+    run = executed(step("walls"), settings=RunSettings(check_limits=False, friction_share=0.2))
     assert not run.succeeded
     assert run.fallen_s is not None
     assert run.slip_m.max() > Tolerance().slip_m

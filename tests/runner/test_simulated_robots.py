@@ -27,14 +27,18 @@ from stancekit.runner.control.tracker import LoopStiffness
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.drives import Imperfections
-from stancekit.runner.worlds.settings import (
+from stancekit.runner.worlds.simulation import simulated_body
+from stancekit.runner.worlds.world import (
+    Ground,
+    JointBus,
     SimulationSetup,
     SoftContact,
+    State,
+    Terrain,
     WorldSettings,
+    make_world,
     read_setup,
 )
-from stancekit.runner.worlds.simulation import simulated_body
-from stancekit.runner.worlds.world import Ground, JointBus, State, Terrain, make_world
 from tests.planners.robot.small_urdfs import fixed, link, quadruped
 from tests.refusals import assert_names, refuses
 

@@ -37,14 +37,15 @@ from stancekit.runner.control.tracker import (
     SwingSpeed,
     Tracker,
 )
-from stancekit.runner.motion.bodies import postures, spaced
 from stancekit.runner.motion.redundancy import (
     JUMP_RAD,
     LEFT,
     TURNED,
     RedundancyResolution,
     _cheapest,
+    postures,
     resolved,
+    spaced,
 )
 from stancekit.runner.motion.time_parametrization import (
     ACCELERATION_RAD_S2,
@@ -54,9 +55,9 @@ from stancekit.runner.motion.time_parametrization import (
     RATE_HZ,
     STEADY,
     JointProfile,
-    _Limbs,
     expected,
     joint_profile,
+    moving_nm,
     parametrize,
     soft_motion,
     soft_start,
@@ -135,8 +136,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and
     of a rotor alone.
     """
-    limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), plan_motion(plan).at(0.0)
-    pin = pinocchio()
+    sample, pin = plan_motion(plan).at(0.0), pinocchio()
     model = pin.buildModelFromXML(drawn_urdf(plan.problem.robot))  # the body stays where it is
     data = model.createData()
     air = replace(sample, foothold=np.full(6, -1))
@@ -149,7 +149,9 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
         rotors = 0.5 * kinematics.servo.rotor_kg_m2 * float(v @ v)
         return float(pin.computeKineticEnergy(model, data, q, v)) + rotors
 
-    torques = limbs.torques(angles, velocity, acceleration, air, np.zeros(3))
+    torques = moving_nm(
+        kinematics, kinematics.rotor_kg_m2, angles, velocity, acceleration, air, np.zeros(3)
+    )
     assert torques @ velocity == pytest.approx(
         (energy(step) - energy(-step)) / (2.0 * step), rel=1e-5
     )
@@ -169,7 +171,7 @@ def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_ver
     rising = np.linspace(-50.0, 50.0, len(still))
     air = replace(plan_motion(plan).at(0.0), foothold=np.full(4, -1))
     torques, bare = (
-        _Limbs(kinematics, rotors).torques(angles, still, rising, air, np.zeros(3))
+        moving_nm(kinematics, rotors, angles, still, rising, air, np.zeros(3))
         for rotors in (drives.rotor_kg_m2, 0.0 * drives.rotor_kg_m2)
     )
     np.testing.assert_allclose(torques - bare, drives.rotor_kg_m2 * rising, atol=1e-12)
@@ -179,14 +181,10 @@ def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(
     plan: Motion, kinematics: Kinematics
 ) -> None:
 
-    limbs, sample, still = (
-        _Limbs(kinematics, kinematics.rotor_kg_m2),
-        plan_motion(plan).at(0.0),
-        np.zeros(24),
-    )
+    sample, still = plan_motion(plan).at(0.0), np.zeros(24)
     angles = np.tile([0.1, 0.4, 0.0, 1.0], 6)
     push = np.array([0.3, -0.2, 0.5])
-    torques = limbs.torques(angles, still, still, sample, push)
+    torques = moving_nm(kinematics, kinematics.rotor_kg_m2, angles, still, still, sample, push)
     step, rate = 1e-6, np.random.default_rng(1).normal(size=24)
     rotation = rotation_of(sample.rotation_rad)
     moved = (kinematics.feet(angles + step * rate) - kinematics.feet(angles - step * rate)) / (

@@ -18,12 +18,14 @@ from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.patch import Certainty
+from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.estimation import SILENT_S, SilentFeet
 from stancekit.runner.control.foot_placement import GIVES_M, ContactFeedback, FootPlacement
 from stancekit.runner.motion.time_parametrization import rise_m
 from stancekit.runner.report import _not_found
-from stancekit.runner.run import simulate
+from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
+from stancekit.runner.worlds.world import make_world
 from tests.refusals import assert_names
 from tests.runner.test_body_feedback import PERIOD_S, kinematics, standing
 from tests.runner.test_friction import PERIOD_S as FELT_S, felt
@@ -68,7 +70,9 @@ def test_a_plan_is_executed_on_ground_that_is_off_by_less_than_its_touch_down(
 ) -> None:
     plan = unsure(step("stairs"), 0.002)
     assert (touch_downs_m(plan) > abs(off_m)).all()
-    report = simulate(plan, settings=FAST, terrain=level_but(off_m, plan.toes_m[3, :2]))
+    report = Runner(make_world("mujoco", plan.robot), settings=FAST).run(
+        Accepted.verified(plan, "plan"), level_but(off_m, plan.toes_m[3, :2])
+    )
     assert report.succeeded, report.message
     trace, depths = report.execution.trace, touch_downs_m(plan)
     assert trace.found(len(depths)).all()
@@ -85,7 +89,9 @@ def test_a_foothold_whose_ground_is_far_below_its_place_is_named(
     step: Callable[[str], Motion],
 ) -> None:
     plan = unsure(step("stairs"), 0.002)
-    report = simulate(plan, settings=FAST, terrain=level_but(-0.05, plan.toes_m[3, :2]))
+    report = Runner(make_world("mujoco", plan.robot), settings=FAST).run(
+        Accepted.verified(plan, "plan"), level_but(-0.05, plan.toes_m[3, :2])
+    )
     assert not report.succeeded
     assert_names(report.message, "RF")
 

@@ -23,7 +23,6 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.runner.log import Message, Recorded
 from stancekit.runner.motion.time_parametrization import streamed
 from stancekit.runner.report import Execution
-from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.views.gait_plot import draw_tracking, tracked
 from stancekit.views.gaits import GaitView
@@ -39,7 +38,7 @@ def run() -> tuple[Motion, Execution]:
     outcome = TwoStage().solve(read_course("walls", frames=2))
     assert outcome.solution is not None
     settings = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
-    execution = simulate(outcome.solution, settings=settings).execution
+    execution = stancekit.simulate(outcome.solution, settings=settings).execution
     assert execution is not None
     return outcome.solution, execution
 

@@ -14,6 +14,7 @@ import termios
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, NamedTuple, NoReturn, get_args
 
 import numpy as np
@@ -535,14 +536,7 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
         raise HardwareFault(f"port {bus.port}: {BABBLE}")
     silent = list[int]()
     for index in range(len(bus.ids)):
-        result = _pinged(bus, index)
-        if result == CORRUPT:
-            raise HardwareFault(
-                f"port {bus.port}: answers come damaged, e.g. that of {bus.label(index)}: are "
-                "cables, supply and "
-                "baud rate right, and no other program on the port?"
-            )
-        if result != SOUND:
+        if _pinged(bus, index) != SOUND:
             silent.append(index)
         if len(silent) == _BLAMED:
             break
@@ -574,13 +568,8 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
     Without any answer, other baud rates are tried. Raises InvalidInput where the calibration file
     is to be changed, HardwareFault else.
     """
-    damaged = next((index for index in silent[:_BLAMED] if _pinged(bus, index) == CORRUPT), None)
-    if damaged is not None:
-        raise HardwareFault(
-            f"port {bus.port}: answers come damaged, e.g. that of {bus.label(damaged)}: are "
-            "cables, supply and baud "
-            "rate right, and no other program on the port?"
-        )
+    for index in silent[:_BLAMED]:
+        _pinged(bus, index)
     if len(silent) < len(bus.ids):
         raise HardwareFault(
             f"port {bus.port}: no answer from {listed([bus.label(i) for i in silent])}: is it "
@@ -608,13 +597,22 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
     )
 
 
-def _pinged(bus: ServoBus, index: int) -> int:
-    """Result of pings of a servo, asked until one is sound."""
+def _asked(once: Callable[[], int]) -> int:
+    """Result of asking a servo until it answers soundly, or patience ends."""
     result = CORRUPT
     for _ in range(1 + PATIENCE):
-        _, result, _ = bus.reach(index)
-        if result == SOUND:
+        if (result := once()) == SOUND:
             break
+    return result
+
+
+def _pinged(bus: ServoBus, index: int) -> int:
+    """Result of pings of a servo; raises HardwareFault where answers come damaged."""
+    if (result := _asked(lambda: bus.reach(index)[1])) == CORRUPT:
+        raise HardwareFault(
+            f"port {bus.port}: answers come damaged, e.g. that of {bus.label(index)}: are "
+            "cables, supply and baud rate right, and no other program on the port?"
+        )
     return result
 
 
@@ -641,7 +639,7 @@ def _one_by_one(bus: ServoBus, address: int, size: int) -> None:
     """Raise HardwareFault where servos that answer pings answer no reads, or damaged."""
     deaf, damaged = list[int](), list[int]()
     for index in range(len(bus.ids)):
-        result = _read(bus, index, address, size)
+        result = _asked(partial(bus.read_one, index, address, size))
         if result != SOUND:
             (damaged if result == CORRUPT else deaf).append(index)
         if len(deaf) == _BLAMED:
@@ -658,16 +656,6 @@ def _one_by_one(bus: ServoBus, address: int, size: int) -> None:
             "do two servos have "
             f"id {bus.ids[damaged[0]]}?"
         )
-
-
-def _read(bus: ServoBus, index: int, address: int, size: int) -> int:
-    """Result of reads of a servo, asked until one is sound."""
-    result = CORRUPT
-    for _ in range(1 + PATIENCE):
-        result = bus.read_one(index, address, size)
-        if result == SOUND:
-            break
-    return result
 
 
 def _ids(ids: Sequence[int]) -> str:

@@ -85,9 +85,6 @@ P_GAIN = 800
 CURRENT_BASED_POSITION = 5
 """Operating mode: position control whose current is limited by Goal Current. In plain position
 control it is not."""
-_REVERSE, _TIME_PROFILE, _TORQUE_BY_GOAL = 0x01, 0x04, 0x08
-"""Bits of Drive Mode. None may be set: the calibration turns directions, and a goal must never
-switch the torque on."""
 SHUTDOWN_ON = 0x34
 """Bits of Shutdown that have to be set: overload, electrical shock, overheating."""
 WATCHDOG_FIRMWARE, FAST_FIRMWARE = 38, 45
@@ -137,7 +134,6 @@ def hardware_errors(status: int) -> str:
     return ", ".join(named) or f"unknown error 0x{status:02X}"
 
 
-FORMAT: Literal["stancekit/servos/1"] = "stancekit/servos/1"
 Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
 
 
@@ -195,7 +191,7 @@ class Calibration(SetupFile):
         joints: servos by the joints' names.
     """
 
-    format: Literal["stancekit/servos/1"] = FORMAT
+    format: Literal["stancekit/servos/1"] = "stancekit/servos/1"
     port: Annotated[str, Field(min_length=1)]
     baud: Baud = 1000000
     model: Literal["XM430-W350", "XM540-W270"] = "XM540-W270"

@@ -25,7 +25,7 @@ from stancekit.planners.robot.robot_file import Servo, joint_names
 
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld, listed
-from ..settings import WorldSettings
+from ..world import WorldSettings
 from . import control_table as table
 from .bus import (
     BABBLE,
@@ -99,14 +99,17 @@ def _configure(bus: ServoBus, current: NDArray[np.int64]) -> None:
     """
     count = len(bus.ids)
     free = bus.read_all(table.TORQUE_ENABLE.address, 1)[:, 0] == 0
-    _settle(bus, table.OPERATING_MODE, np.full(count, table.CURRENT_BASED_POSITION), free)
-    _settle(bus, table.RETURN_DELAY, np.zeros(count, np.int64), free)
-    _settle(bus, table.CURRENT_LIMIT, current, free)
-    _settle(bus, table.DRIVE_MODE, np.zeros(count, np.int64), free)
-    _settle(bus, table.STATUS_RETURN, np.full(count, 2), free)
+    for register, wanted in (
+        (table.OPERATING_MODE, np.full(count, table.CURRENT_BASED_POSITION)),
+        (table.RETURN_DELAY, np.zeros(count, np.int64)),
+        (table.CURRENT_LIMIT, current),
+        (table.DRIVE_MODE, np.zeros(count, np.int64)),  # a goal must never switch the torque on
+        (table.STATUS_RETURN, np.full(count, 2)),
+    ):
+        _settle(bus, register, wanted, free)
     shutdown = unsigned(bus.read_all(table.SHUTDOWN.address, 1))
     _settle(bus, table.SHUTDOWN, shutdown | table.SHUTDOWN_ON, free)
-    places = [register.address + k for register in table.WATCHED for k in range(register.size)]
+    places = [each.address + k for each in table.WATCHED for k in range(each.size)]
     rows = np.tile(np.array(places, dtype="<u2").view(np.uint8), (count, 1))
     if not np.array_equal(bus.read_all(table.INDIRECT_ADDRESS.address, rows.shape[1]), rows):
         bus.write_rows(table.INDIRECT_ADDRESS.address, rows)

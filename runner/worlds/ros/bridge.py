@@ -22,7 +22,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput, installed
 from stancekit.planners.files.documents import shown
 
 from ...safety.estop import StopLatch
-from ..settings import EstopCheck
+from ..world import EstopCheck
 
 Answer = TypeVar("Answer")
 Message = dict[str, Any]
@@ -52,6 +52,10 @@ def waited(
     return so
 
 
+_TRIES = 2
+"""A rosapi that does not answer in time is asked once more."""
+
+
 class RosLink:
     """A connection; ``open`` first.
 
@@ -61,7 +65,7 @@ class RosLink:
     def __init__(self, host: str, port: int, timeout_s: float) -> None:
         self._module = roslibpy()
         self.url, self._address, self.timeout_s = f"ws://{host}:{port}", (host, port), timeout_s
-        self._lost, self._wrong = threading.Event(), list[str]()
+        self._lost, self._wrong, self._missing = threading.Event(), list[str](), False
         self._topics: dict[str, Any] = {}
         self.ros: Any = None
 
@@ -188,14 +192,14 @@ class RosLink:
         """Call a service and wait for nothing.
 
         Arguments:
-            callback: gets the answer, if one comes.
+            callback: gets the answer, if one comes; an empty one where the service refuses.
         """
         if self.alive:
             client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
             client.call(
                 self._module.ServiceRequest(request),
                 lambda answer: callback(dict(answer)),
-                lambda _: None,
+                lambda _: callback({}),
             )
 
     def answers(self, timeout_s: float) -> bool:
@@ -203,51 +207,22 @@ class RosLink:
         asked after that.
         """
         done = threading.Event()
-        if not self.alive:
-            return False
-        client = self._module.Service(
-            self.ros, "/rosapi/get_time", "rosapi/GetTime", reconnect_on_close=False
-        )
-        client.call(self._module.ServiceRequest({}), lambda _: done.set(), lambda _: done.set())
-        return done.wait(timeout_s)
-
-    def close(self) -> None:
-        """Disconnect; once is enough."""
-        if self.ros is not None and self.ros.is_connected:
-            self.ros.close(timeout=self.timeout_s)
-        self.ros = None
-
-    def complain(self, what: str) -> None:
-        """Take note of a trouble; the first one is what ``trouble`` says."""
-        if len(self._wrong) < 10:
-            self._wrong.append(what)
-
-
-_TRIES = 2
-"""A rosapi that does not answer in time is asked once more."""
-
-
-class RosGraph:
-    """Questions to ``/rosapi`` over a connection; a rosapi that is not there answers none of
-    them.
-    """
-
-    def __init__(self, link: RosLink) -> None:
-        self._link, self._missing = link, False
+        self.ask("/rosapi/get_time", "rosapi/GetTime", {}, lambda _: done.set())
+        return self.alive and done.wait(timeout_s)
 
     def publishers(self, topic: str) -> list[str] | None:
-        """Nodes that publish a topic."""
-        return _names(self._ask("publishers", "Publishers", {"topic": topic}), "publishers")
+        """Nodes that publish a topic, by ``/rosapi``; where none is there, this and the next are None."""
+        return _names(self._asked("publishers", "Publishers", {"topic": topic}), "publishers")
 
     def type_of(self, topic: str) -> str | None:
         """Type of a topic's messages, as ROS 1 writes it; empty for a topic that is not there."""
-        result = self._ask("topic_type", "TopicType", {"topic": topic})
+        result = self._asked("topic_type", "TopicType", {"topic": topic})
         kind = None if result is None else result.get("type")
         return kind.replace("/msg/", "/") if isinstance(kind, str) else None
 
     def topics_of(self, kind: str) -> list[str] | None:
         """Topics with messages of a type."""
-        return _names(self._ask("topics_for_type", "TopicsForType", {"type": kind}), "topics")
+        return _names(self._asked("topics_for_type", "TopicsForType", {"type": kind}), "topics")
 
     def watch_publishers(self, topic: str, heard: list[list[str]]) -> None:
         """Ask who publishes a topic, and wait for no answer: it is appended to ``heard`` when it
@@ -259,20 +234,31 @@ class RosGraph:
             if names is not None:
                 heard.append(names)
 
-        self._link.ask("/rosapi/publishers", "rosapi/Publishers", {"topic": topic}, answered)
+        self.ask("/rosapi/publishers", "rosapi/Publishers", {"topic": topic}, answered)
 
-    def _ask(self, service: str, kind: str, request: Message) -> Message | None:
+    def _asked(self, service: str, kind: str, request: Message) -> Message | None:
         for _ in range(_TRIES):
-            if self._missing or self._link.trouble() is not None:
+            if self._missing or self.trouble() is not None:
                 break
             begin = time.monotonic()
             try:
-                return self._link.call(f"/rosapi/{service}", f"rosapi/{kind}", request)
+                return self.call(f"/rosapi/{service}", f"rosapi/{kind}", request)
             except InvalidInput:
                 self._missing = (
-                    time.monotonic() - begin < self._link.timeout_s
+                    time.monotonic() - begin < self.timeout_s
                 )  # it answered: there is none
         return None
+
+    def close(self) -> None:
+        """Disconnect; once is enough."""
+        if self.ros is not None and self.ros.is_connected:
+            self.ros.close(timeout=self.timeout_s)
+        self.ros = None
+
+    def complain(self, what: str) -> None:
+        """Take note of a trouble; the first one is what ``trouble`` says."""
+        if len(self._wrong) < 10:
+            self._wrong.append(what)
 
 
 def _names(message: Any, key: str) -> list[str] | None:
@@ -298,7 +284,7 @@ class Estop:
 
     def __init__(self, link: RosLink, topic: str) -> None:
         self.topic, self.pressed = topic, False
-        self._link, self._graph = link, RosGraph(link)
+        self._link = link
         self._times: list[float] = []
         self._now: bool | None = None
         self._trying = self._watched = False
@@ -324,8 +310,8 @@ class Estop:
             return f"e-stop {self.topic}: not asked for"
         if how == "try":
             return self._tried()
-        publishers = self._graph.publishers(self.topic)
-        kind = self._graph.type_of(self.topic) if publishers else None
+        publishers = self._link.publishers(self.topic)
+        kind = self._link.type_of(self.topic) if publishers else None
         known = bool(publishers and kind == BOOL)
         waited(
             lambda: bool(self._times) or self._link.trouble() is not None,
@@ -345,7 +331,7 @@ class Estop:
         now = time.monotonic()
         if self._watched and now - self._asked_s > _ASK_S:
             self._asked_s = now
-            self._graph.watch_publishers(self.topic, self._publishers)
+            self._link.watch_publishers(self.topic, self._publishers)
         if self._watched and self._publishers and not self._publishers[-1]:
             return f"e-stop {self.topic}: it has no publisher any more"
         times = self._times
@@ -365,7 +351,7 @@ class Estop:
                 self._wait("released", end)
         finally:
             self._trying = False
-        self._watched = bool(self._graph.publishers(self.topic))
+        self._watched = bool(self._link.publishers(self.topic))
         return f"e-stop {self.topic}: pressed and released"
 
     def _wait(self, what: str, end_s: float) -> None:
@@ -377,7 +363,7 @@ class Estop:
 
     def _missing(self, publishers: list[str] | None, kind: str | None) -> str:
         """Fault of a missing e-stop, and what can be done."""
-        there = self._graph.topics_of(BOOL)
+        there = self._link.topics_of(BOOL)
         hint = f"; of {BOOL} there are {', '.join(sorted(there)[:5])}" if there else ""
         if publishers and kind:
             return f"expected {BOOL}, it is {kind}{hint}"

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -26,86 +26,13 @@ from stancekit.planners.robot.robot_file import Servo, joint_names
 from ...safety.estop import StopLatch
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld, listed
-from ..settings import EstopCheck, WorldSettings
-from .bridge import POLL_S, Estop, Message, RosGraph, RosLink, waited
+from ..world import EstopCheck, WorldSettings
+from .bridge import POLL_S, Estop, Message, RosLink, waited
 from .joint_states import ControllerState, JointStates, version_of
 from .setup import Mapping, RosSetup
 
 _RUNNING = ("running", "active")
 _DEFAULT = "/controller_manager"
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Listed:
-    """A controller as its manager lists it.
-
-    Arguments:
-        state: "running" or "active" where it is.
-        joints: that it moves.
-    """
-
-    state: str
-    joints: frozenset[str]
-
-    @property
-    def runs(self) -> bool:
-        """Tell whether it moves its joints."""
-        return self.state in _RUNNING
-
-
-class _ControllerManager:
-    """The manager that a setup names, over a connection."""
-
-    def __init__(self, link: RosLink, setup: RosSetup) -> None:
-        self._link, self._setup = link, setup
-        self._controller = setup.controller.rsplit("/", 1)[-1]
-
-    def listed(self, manager: str | None = None) -> _Listed | None:
-        """Entry of the setup's controller; None where nothing answers, or does not know it.
-
-        Arguments:
-            manager: another one to ask.
-        """
-        name = manager or self._setup.controller_manager or _DEFAULT
-        try:
-            answer = self._link.call(f"{name}/list_controllers", self._kind("ListControllers"), {})
-        except InvalidInput:
-            return None
-        for each in answer.get("controller") or []:
-            if isinstance(each, dict) and each.get("name") == self._controller:
-                return _Listed(state=str(each.get("state")), joints=_joints(each))
-        return None
-
-    def switch(self, on: bool, sending: AbstractContextManager[None] | None = None) -> None:
-        """Switch the controller on or off, within ``sending``.
-
-        Raises HardwareFault where that is refused, or the manager is not there.
-        """
-        manager, ros = self._setup.controller_manager, self._setup.ros
-        if manager is None:
-            raise HardwareFault(
-                "torque: cannot be switched, the setup names no controller_manager; the robot holds"
-            )
-        verbs = ("activate", "deactivate") if ros == 2 else ("start", "stop")
-        lists = {
-            f"{verb}_controllers": [self._controller] if on == (k == 0) else []
-            for k, verb in enumerate(verbs)
-        }
-        try:
-            with sending or nullcontext():
-                request = lists | {"strictness": 1}
-                answer = self._link.call(
-                    f"{manager}/switch_controller", self._kind("SwitchController"), request
-                )
-        except InvalidInput as error:
-            raise HardwareFault(f"torque: {error}") from None
-        if answer.get("ok") is not True:
-            raise HardwareFault(
-                f"torque: {manager} did not switch {self._controller} {'on' if on else 'off'}"
-            )
-
-    def _kind(self, name: str) -> str:
-        return "controller_manager_msgs/" + ("srv/" if self._setup.ros == 2 else "") + name
 
 
 def _joints(controller: dict[str, Any]) -> frozenset[str]:
@@ -173,7 +100,6 @@ class RosRobot:
         )
         self.link = RosLink(setup.host, setup.port, setup.timeout_s)
         self.estop = None if setup.estop is None else Estop(self.link, setup.estop)
-        self.manager = _ControllerManager(self.link, setup)
         self.stopped = False
         self._joints = tuple(joints)
         self._sent_s, self._void_s = -np.inf, -np.inf
@@ -206,7 +132,7 @@ class RosRobot:
         """
         setup = self.setup
         begin, late, missing = time.monotonic(), False, list(self._joints)
-        listed: _Listed | None = None
+        listed: tuple[str, frozenset[str]] | None = None
         while not late and self.trouble(silence=False) is None:
             time.sleep(POLL_S)
             spent_s, missing = time.monotonic() - begin, self.states.silent(self._stale_s())
@@ -218,26 +144,19 @@ class RosRobot:
                 and setup.controller_manager is not None
                 and listed is None
             ):
-                listed = self.manager.listed() or _Listed(state="", joints=frozenset())
-                if listed.state and not listed.runs:
+                listed = self._listed()
+                if listed[0] not in ("", *_RUNNING):
                     break
             late = spent_s > setup.timeout_s * (1.0 if missing else _PATIENCE)
         if (trouble := self.trouble(silence=False)) is not None:
             raise InvalidInput(trouble)
         if late and missing:
             raise InvalidInput(f"rosbridge {setup.url}: {self._unheard_states(missing)}")
-        self.stopped = (
-            not self.controller.names
-            and listed is not None
-            and bool(listed.state)
-            and not listed.runs
-        )
-        if self.stopped and listed is not None:
-            self._check_names(listed.joints)
-        elif not self.controller.names:
+        state, joints = listed or ("", frozenset())
+        self.stopped = not self.controller.names and state not in ("", *_RUNNING)
+        if not (self.stopped or self.controller.names):
             raise InvalidInput(f"rosbridge {setup.url}: {self._unheard_controller()}")
-        else:
-            self._check_names(self.controller.names)
+        self._check_names(self.controller.names or joints)
 
     def started(self) -> None:
         """Wait for the controller that was switched on.
@@ -310,7 +229,6 @@ class RosRobot:
             self.mapping.names,
             times_s,
             np.tile(point, (len(times_s), 1)),
-            None,
             setup.ros,
             stamp_s or 0.0,
         )
@@ -343,7 +261,7 @@ class RosRobot:
                 return
         spent_s = time.monotonic() - begin_s
         name, trouble = self.setup.controller, self.trouble()
-        if trouble is not None or self.controller.heard_s() < begin_s:
+        if trouble is not None or self.controller.heard_s < begin_s:
             raise HardwareFault(trouble or f"{name}: nothing heard of it for {spent_s:.0f} s")
         raise InvalidInput(
             f"{name}: expected it to hold the pose that is sent on {self._command}, it took no "
@@ -366,7 +284,7 @@ class RosRobot:
                 if (trouble := self.trouble(silence=False)) is not None:
                     raise HardwareFault(trouble)
                 wants = self.controller.wants(point)
-                if wants is not False and self.controller.heard_s() > over_s:
+                if wants is not False and self.controller.heard_s > over_s:
                     return True
                 time.sleep(POLL_S)
         return False
@@ -395,7 +313,7 @@ class RosRobot:
         late = self.link.alive and not self.fresh(period_s)
         if late and self.setup.ros == 1:  # without points it holds where it is, and drops the rest
             nothing = np.zeros((0, len(self._joints)))
-            holds = trajectory(self.mapping.names, np.zeros(0), nothing, None, 1)
+            holds = trajectory(self.mapping.names, np.zeros(0), nothing, 1)
             kind = self.kind("trajectory_msgs", "JointTrajectory")
             self.link.publish(self._command, kind, holds)
         end, read = time.monotonic() + _REST_S, False
@@ -403,7 +321,7 @@ class RosRobot:
             beat()
             read = read or self.link.answers(_ANSWER_S)
             now, newest_s = time.monotonic(), time.monotonic() - float(self.states.age_s().max())
-            still_s = newest_s - max(self.states.moved_s(), self._sent_s + self.setup.lead_s)
+            still_s = newest_s - max(self.states.moved_s, self._sent_s + self.setup.lead_s)
             if read and still_s > _STILL_S and self.fresh(period_s):
                 return ""
             time.sleep(POLL_S)
@@ -432,11 +350,50 @@ class RosRobot:
         Raises HardwareFault where that is refused, or the manager is not there; and Stopped after a
         stop, for on.
         """
-        self.manager.switch(on, self.latch.sending() if on else None)
+        manager, ros = self.setup.controller_manager, self.setup.ros
+        if manager is None:
+            raise HardwareFault(
+                "torque: cannot be switched, the setup names no controller_manager; the robot holds"
+            )
+        verbs = ("activate", "deactivate") if ros == 2 else ("start", "stop")
+        lists = {
+            f"{verb}_controllers": [self._name] if on == (k == 0) else []
+            for k, verb in enumerate(verbs)
+        }
+        kind = self.kind("controller_manager_msgs", "SwitchController", "srv")
+        try:
+            with self.latch.sending() if on else nullcontext():
+                answer = self.link.call(
+                    f"{manager}/switch_controller", kind, lists | {"strictness": 1}
+                )
+        except InvalidInput as error:
+            raise HardwareFault(f"torque: {error}") from None
+        if answer.get("ok") is not True:
+            raise HardwareFault(
+                f"torque: {manager} did not switch {self._name} {'on' if on else 'off'}"
+            )
 
-    def kind(self, package: str, name: str) -> str:
-        """The type of a message, as this ROS names it."""
-        return f"{package}/msg/{name}" if self.setup.ros == 2 else f"{package}/{name}"
+    def _listed(self) -> tuple[str, frozenset[str]]:
+        """State of the setup's controller, and the joints that it moves; empty where nothing answers,
+        or does not know it.
+        """
+        manager = self.setup.controller_manager or _DEFAULT
+        kind = self.kind("controller_manager_msgs", "ListControllers", "srv")
+        with suppress(InvalidInput):
+            answer = self.link.call(f"{manager}/list_controllers", kind, {})
+            for each in answer.get("controller") or []:
+                if isinstance(each, dict) and each.get("name") == self._name:
+                    return str(each.get("state")), _joints(each)
+        return "", frozenset()
+
+    def kind(self, package: str, name: str, sort: Literal["msg", "srv"] = "msg") -> str:
+        """The type of a message, or of a service, as this ROS names it."""
+        return f"{package}/{sort}/{name}" if self.setup.ros == 2 else f"{package}/{name}"
+
+    @property
+    def _name(self) -> str:
+        """The controller as its manager calls it."""
+        return self.setup.controller.rsplit("/", 1)[-1]
 
     @property
     def _command(self) -> str:
@@ -472,7 +429,7 @@ class RosRobot:
         if self._heard_as_other(topic):
             other = 3 - self.setup.ros
             return f"{message} of ROS {self.setup.ros}; there are some of ROS {other}: ros: {other} in the setup"
-        there_are = RosGraph(self.link).topics_of("/".join(_JOINT_STATE)) or []
+        there_are = self.link.topics_of("/".join(_JOINT_STATE)) or []
         if elsewhere := [each for each in there_are if each != topic]:
             return f"{message}; there are some on {listed(elsewhere)}"
         return message
@@ -490,26 +447,24 @@ class RosRobot:
         """Message for a controller that was not heard of, with what to do."""
         setup = self.setup
         message = f"expected the state of {setup.controller}, heard nothing"
-        known = self.manager.listed()
-        if known is None:
+        state, _ = self._listed()
+        if not state:
             return f"{message}: is it running?"
-        manager = setup.controller_manager or "/controller_manager"
-        if known.runs:
-            return f"{message}, although {manager} says that it is {known.state}: does it publish its state?"
-        return f"{message}: {manager} says that it is {known.state}; start it, or name controller_manager in the setup"
+        says = f"{setup.controller_manager or _DEFAULT} says that it is {state}"
+        if state in _RUNNING:
+            return f"{message}, although {says}: does it publish its state?"
+        return f"{message}: {says}; start it, or name controller_manager in the setup"
 
 
 def trajectory(
     names: tuple[str, ...],
     times_s: Array,
     positions: Array,
-    velocities: Array | None,
     ros: Literal[1, 2],
     stamp_s: float = 0.0,
 ) -> Message:
-    """A JointTrajectory; shapes (T,), (T, J), (T, J).
-
-    Without velocities the controller goes in straight lines.
+    """A JointTrajectory; shapes (T,), (T, J). Without velocities the controller goes in straight
+    lines.
 
     Arguments:
         stamp_s: when it begins, by the robot's clock; one that has ended by then when it arrives is
@@ -518,7 +473,6 @@ def trajectory(
     """
     points = [
         {"positions": positions[k].tolist(), "time_from_start": duration(float(time_s), ros)}
-        | ({} if velocities is None else {"velocities": velocities[k].tolist()})
         for k, time_s in enumerate(times_s)
     ]
     header = {"stamp": duration(stamp_s, ros), "frame_id": ""}

@@ -122,7 +122,8 @@ _PUBLISHERS = 64
 
 class JointStates:
     """The newest of every joint, put together from messages that may each speak of some; written by
-    one thread.
+    one thread. moved_s: when a joint was measured last to have moved, ``time.monotonic``; -inf for
+    never.
 
     Arguments:
         velocity_rad_s: the greatest that a joint can have, shape (J,).
@@ -136,7 +137,7 @@ class JointStates:
         self._table = np.zeros((3, len(self._joints)))
         self._seen_s = np.full(len(self._joints), -np.inf)  # when measured
         self._came_s = np.full(len(self._joints), -np.inf)
-        self._rest, self._moved_s = np.full(len(self._joints), np.inf), -np.inf
+        self._rest, self.moved_s = np.full(len(self._joints), np.inf), -np.inf
         self._clocks: dict[tuple[str, ...], RobotClock] = {}
         self.others: set[str] = set()
 
@@ -176,7 +177,7 @@ class JointStates:
             self._seen_s[indices] = np.maximum(self._seen_s[indices], measured_s)
             self._came_s[indices] = now
             if np.any(np.abs(table[0, indices] - self._rest[indices]) > _REST_RAD):
-                self._rest[indices], self._moved_s = table[0, indices], measured_s
+                self._rest[indices], self.moved_s = table[0, indices], measured_s
 
     def read(self) -> tuple[Array, Array, Array]:
         """Angles, rates and torques in the robot's order, each shape (J,)."""
@@ -202,10 +203,6 @@ class JointStates:
         is known.
         """
         return max((clock.period_s() for clock in self._clocks.values()), default=0.0)
-
-    def moved_s(self) -> float:
-        """When a joint was measured last to have moved, ``time.monotonic``; -inf for never."""
-        return self._moved_s
 
     def silent(self, since_s: float) -> list[str]:
         """Joints that were not measured for so long, by both names where they differ."""
@@ -284,7 +281,8 @@ class ControllerState:
     """The newest state of a controller, in the robot's order of joints and as ROS counts; written
     by one thread.
 
-    names: its joints, empty before the first message. clock: the one that it judges commands by.
+    names: its joints, empty before the first message. heard_s: when the newest state was measured,
+    ``time.monotonic``; -inf for never. clock: the one that it judges commands by.
 
     Arguments:
         late_s: after which a command that was sent is acted on, or never.
@@ -298,7 +296,7 @@ class ControllerState:
         self._mapping, self._joints, self._states = mapping, tuple(joints), states
         self._late_s = late_s + _SLOW_S
         self._lock = threading.Lock()
-        self._heard_s = -np.inf
+        self.heard_s = -np.inf
         self._desired: Array | None = None
         self._actual: Array | None = None
         self._speed, self._wanted = np.zeros(len(joints)), np.zeros(len(joints))
@@ -320,7 +318,7 @@ class ControllerState:
         desired = _point(message, names, self._mapping, "desired", "reference")
         actual = _point(message, names, self._mapping, "actual", "feedback")
         with self._lock:
-            self.names, self._heard_s = tuple(names), heard_s
+            self.names, self.heard_s = tuple(names), heard_s
             rests = _same(self._desired, desired[0])
             self._desired, self._actual = desired[0], actual[0]
             self._speed = np.abs(actual[1])
@@ -333,10 +331,6 @@ class ControllerState:
                 else self._unheard * 0.0
             )
             self._compare(heard_s)
-
-    def heard_s(self) -> float:
-        """When the newest state was measured, ``time.monotonic``; -inf for never."""
-        return self._heard_s
 
     def wants(self, positions: Array) -> bool | None:
         """Tell whether it wants the joints there, shape (J,) as ROS counts, or whole turns away;

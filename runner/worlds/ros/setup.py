@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import ConfigDict, Field
@@ -16,7 +16,6 @@ from stancekit.planners.files.arrays import Array
 
 from ..world import SetupFile, own
 
-FORMAT: Final = "stancekit/ros/1"
 _Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
 
 
@@ -49,7 +48,7 @@ class RosSetup(SetupFile):
         timeout_s: time to wait for an answer.
     """
 
-    format: Literal["stancekit/ros/1"] = FORMAT
+    format: Literal["stancekit/ros/1"] = "stancekit/ros/1"
     host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     port: Annotated[int, Field(ge=1, le=65535)] = 9090
     ros: Literal[1, 2] = 2

@@ -291,7 +291,7 @@ def test_a_plan_of_a_forbidden_walk_is_its_reason_and_no_solve() -> None:
     up = Walk.over("hill", (-0.4, 0.35), start=(-2.6, 0.0))
     for walk, names in (
         (task(ramp(0.6, 0.0), 0.3), ("start (0, 0)", "weight")),
-        (up, ("undecided", "(-1.", "friction 0.75", "--chart")),
+        (up, ("undecided", "(-1.", "friction 0.75", "chart NAME")),
         (Walk.over("hill", up.start, start=up.goal), ("undecided", "(-0.", "friction 0.75")),
     ):
         assert_names(plan_gait(walk).message, *names)
