@@ -29,6 +29,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import read_evidence
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.course_between import LaidBetween
 from stancekit.planners.problem.posture_batch import PostureBatch
 from stancekit.planners.projection.held import PRESSES
 from stancekit.planners.projection.whole_body import WholeBodyLimits
@@ -38,7 +39,7 @@ from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
 from stancekit.views.playground.answers import patient_answer
-from stancekit.views.playground.scenario import BetweenScenario, KeysScenario
+from stancekit.views.playground.scenario import Scenario
 from tests.planners.robot.small_urdfs import quadruped
 
 WALKS = stancekit.PlanSettings(leaps=False)
@@ -256,13 +257,14 @@ def by_command(question: Question, folder: Path) -> Reply:
 
 def by_playground(question: Question, folder: Path) -> Reply:
     """The playground, once nothing is changed."""
-    file, places = str(question.file(folder)), {f"{at}_m": at_m for at, at_m in PLACES.items()}
-    robot, terrain = question.robot(folder) or "hexapod", Between().terrain(file)
-    answer = patient_answer(
-        BetweenScenario(terrain=terrain, robot=robot, **places)
-        if question.boxes
-        else KeysScenario.of(file)
-    )
+    file, robot = str(question.file(folder)), question.robot(folder) or "hexapod"
+    scenario = Scenario.of(file) if not question.boxes else None
+    if scenario is None:
+        terrain, who = Between().terrain(file), stancekit.robot(robot)
+        places = {f"{at}_m": at_m for at, at_m in PLACES.items()}
+        between = LaidBetween(terrain=terrain, robot=who, frames=None, **places)
+        scenario = Scenario.about(between, robot)
+    answer = patient_answer(scenario)
     plan = answer.plan if answer.accepted else None
     proved = answer.status is Status.INFEASIBLE and answer.course is not None
     return Reply(

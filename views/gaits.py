@@ -380,6 +380,10 @@ class GaitView(View):
             scene = self.drawn(self.now(time_s))
         return scene + Scene(bodies=[disc for k, disc in self.footholds if k <= sample])
 
+    def seen(self, at: float) -> tuple[Samples, Scene, str]:
+        """A moment so long after the walk began, what is drawn of it, and words for it."""
+        return self.now(at), self.moment(at), f"{at:.2f} s of {self.trajectory.duration_s:g} s"
+
     def drawn(self, now: Samples) -> Scene:
         """The robot and its contact forces at one time."""
         return Scene(bodies=self.bodies(now), arrows=self.forces(now))

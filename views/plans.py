@@ -75,6 +75,8 @@ from .terrain import ICE, ICE_EDGE, ICY, SCALE, Entry, patches, tint
 
 FPS = 20.0
 """Pictures per second of films."""
+_RESTS = 0.01
+"""A moment so near to a key frame is that key frame."""
 
 
 class View(ABC):
@@ -397,6 +399,14 @@ class PlanView(View):
         """Angles of the key frames around."""
         key = self.plan.joints_rad
         return None if key is None else between(key, now.frame)
+
+    def seen(self, at: float) -> tuple[Samples, Scene, str]:
+        """A key frame or a moment between two, what is drawn of it, and words for it."""
+        frame, last = round(at), self.plan.problem.frames - 1
+        now, words = self.key(frame), f"key frame {frame} of {last}"
+        if abs(at - frame) >= _RESTS:
+            now, words = self.between_keys(at), f"between key frames {int(at)} and {int(at) + 1}"
+        return now, self.moving(now), words
 
     def at(self, now: Samples, *, cone_m: float | None = None) -> Scene:
         """``moving``, and what carries it: the support region."""

@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 from stancekit.planners.answer.answer import Answer, Status
@@ -26,13 +25,14 @@ from stancekit.planners.gait.method.portfolio import Caps
 from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.course_between import LaidBetween
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.search.plan_course import LayOut, plan_course
+from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.explain import Relaxation
 
-from .scenario import BetweenScenario, Scenario, WalkScenario
+from .scenario import Scenario
 
 _SHARES = (0.8, 1.0)
 """Shares of the friction, that a plan is looked for with while the scene is changed."""
@@ -49,13 +49,15 @@ class SceneAnswer:
 
     Arguments:
         course: what is asked for; None where it makes no sense.
-        plan: accepted by the verifier as far as its contacts go; of a walk its trajectory.
-        status: None where the question makes no sense; undecided where no way was found for a course.
-        message: why there is no plan, or what is wrong with it; empty where nothing is.
+        plan: accepted by the verifier as far as its contacts go, or a walk.
+        status: None where the question makes no sense, or a walk is still planned; undecided where
+            no way was found for a course.
+        message: why there is no plan, or what is wrong with it, or how far the planning of a walk
+            is; empty where nothing is.
         lack: what would have to change, where that is proved.
         report: on all of the plan, once it was judged.
         patient: whether all was looked at.
-        seconds: CPU time of the layout and of the search; of a walk the time since it was begun.
+        seconds: CPU time of the layout and of the search; of a walk the time that it took.
     """
 
     course: Problem | Walk | None = None
@@ -74,168 +76,126 @@ class SceneAnswer:
         return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
 
 
+_Told = Callable[[SceneAnswer], None]
+_ITERATIONS, _TOTAL_S, _TOLD_S = 80, 120.0, 0.15
+"""Most iterations of a solve, CPU time of all solves of a walk [s], and how often is told how far
+it is [s]."""
+
+
 def quick_answer(scenario: Scenario) -> SceneAnswer:
     """A fast answer for the display, which looks at contacts alone; undecided if it would take
     longer. Of a walk, whether there is one to plan. Raises nothing.
     """
-    if isinstance(scenario, WalkScenario):
-        try:
-            return SceneAnswer(course=scenario.course())
-        except StancekitError as error:
-            return SceneAnswer(message=str(error))
     planner = TwoStage(
         time_limit_s=_QUICK_S,
         max_nodes=_QUICK_NODES,
         cuts=False,
         steps=_QUICK_STEPS,
     )
-    return _planned(
-        scenario,
-        partial(
-            plan_course,
-            planner=planner,
-            shares=_SHARES,
-            presses=(),
-            limits=None,
-        ),
-    )
 
+    def search(asked: Problem | Walk | None) -> Answer[Any] | None:
+        if isinstance(asked, Walk):
+            return None
+        return plan_course(scenario.question, planner, shares=_SHARES, presses=(), limits=None)
 
-_Told = Callable[[SceneAnswer], None]
-_ITERATIONS, _TOTAL_S = 80, 120.0
-"""Most iterations of a solve, and CPU time of all solves of a walk [s]."""
-
-
-def planned_walk(task: Walk, tell: _Told) -> SceneAnswer:
-    """The walk that is found; until then ``tell`` gets how far its planning is. Raises nothing."""
-    begun, last = time.monotonic(), 0.0
-
-    def since() -> tuple[float, float]:
-        return 0.0, time.monotonic() - begun
-
-    def progress(
-        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
-    ) -> bool:
-        nonlocal last
-        if time.monotonic() - last > 0.15:
-            last = time.monotonic()
-            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
-            tell(SceneAnswer(course=task, message=words, seconds=since()))
-        return os.getppid() == 1
-
-    settings = GaitSettings(max_iterations=_ITERATIONS)
-    caps = Caps(iterations=_ITERATIONS, total_s=_TOTAL_S)
-    try:
-        found = plan_walk(task, settings, progress, caps=caps).answer
-    except StancekitError as error:
-        return SceneAnswer(course=task, message=str(error), patient=True, seconds=since())
-    return SceneAnswer(
-        course=task,
-        status=found.status,
-        plan=found.solution,
-        message=found.message,
-        report=found.report,
-        patient=True,
-        seconds=since(),
-    )
+    return _answered(scenario, search, patient=False)
 
 
 def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAnswer:
     """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
     where no plan over the layout that is asked for is accepted, one over another; between places
     that no balanced motion of a robot that does not leap joins, infeasible. Of a walk that of
-    ``stancekit gait``. Raises nothing.
+    ``stancekit gait``; until then ``tell`` gets how far its planning is. Raises nothing.
     """
-    if isinstance(scenario, WalkScenario):
-        quick = quick_answer(scenario)
-        asked = quick.course
-        return (
-            planned_walk(asked, tell) if isinstance(asked, Walk) else replace(quick, patient=True)
-        )
 
-    def plan(question: LayOut) -> Answer[Plan]:
+    def search(asked: Problem | Walk | None) -> Answer[Any]:
+        if isinstance(asked, Walk):
+            return _walked(asked, tell)
         planner = TwoStage(time_limit_s=_PATIENT_S)
         deadline = time.perf_counter() + _PATIENT_S
-        return plan_course(
-            question,
-            planner,
-            layouts=scenario.layouts,
-            deadline=deadline,
-        )
+        return plan_course(scenario.question, planner, layouts=scenario.layouts, deadline=deadline)
 
-    answer = _planned(scenario, plan, patient=True)
-    if not (isinstance(scenario, BetweenScenario) and answer.status is Status.UNDECIDED):
+    answer = _answered(scenario, search, patient=True)
+    if not (isinstance(scenario.given, LaidBetween) and answer.status is Status.UNDECIDED):
         return answer
     from stancekit.planners.search.flood import flood  # slow to import
 
-    passage = scenario.question.local.passage()
+    passage = scenario.between.local.passage()
     if passage.robot.own or flood(passage) is None:
         return answer
     return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
 
 
-def _planned(
-    scenario: Scenario, plan: Callable[[LayOut], Answer[Plan]], *, patient: bool = False
-) -> SceneAnswer:
-    """The answer that a way to plan gives, with the time that it took."""
-    begin, course = time.process_time(), None
-    between = isinstance(scenario, BetweenScenario)
-    try:
-        with suppress(*((NoPlace, PlanningFailed) if patient and between else ())):
-            course = scenario.course()  # where this layout has no place another one may have
-        laid = time.process_time()
-        outcome = plan(
-            scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
-        )
-    except StancekitError as error:
-        nowhere = between and isinstance(error, NoPlace | PlanningFailed)
-        return SceneAnswer(
-            status=Status.UNDECIDED if nowhere else None,
-            message=str(error),
-            patient=patient,
-            seconds=(time.process_time() - begin, 0.0),
-        )
-    seconds = (laid - begin, time.process_time() - laid)
-    return _answer(outcome, course, seconds, patient=patient)
+def _walked(task: Walk, tell: _Told) -> Answer[Trajectory]:
+    """The answer of ``stancekit gait``."""
+    last = 0.0
+
+    def progress(
+        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
+    ) -> bool:
+        nonlocal last
+        if time.monotonic() - last > _TOLD_S:
+            last = time.monotonic()
+            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
+            tell(SceneAnswer(course=task, message=words))
+        return os.getppid() == 1
+
+    settings = GaitSettings(max_iterations=_ITERATIONS)
+    caps = Caps(iterations=_ITERATIONS, total_s=_TOTAL_S)
+    return plan_walk(task, settings, progress, caps=caps).answer
 
 
-def _answer(
-    outcome: Answer[Plan],
-    asked: Problem | None,
-    seconds: tuple[float, float],
+def _answered(
+    scenario: Scenario,
+    search: Callable[[Problem | Walk | None], Answer[Any] | None],
     *,
-    patient: bool = False,
+    patient: bool,
 ) -> SceneAnswer:
-    """The answer that an outcome is.
+    """The answer that a search gives, with the time that it took.
 
     Arguments:
-        asked: the scene's own course, where the outcome is not of a problem.
+        search: of a question, None where its layout has no place but another one may; it gives None
+            where there is nothing to say yet.
     """
-    message, report, lack = outcome.message, outcome.report, None
+    clock = time.monotonic if scenario.kind == "walk" else time.process_time
+    begin, asked = clock(), None
+    nowhere = (NoPlace, PlanningFailed) if scenario.kind == "between" else ()
+    try:
+        with suppress(*(nowhere if patient else ())):
+            asked = scenario.course()
+        laid = clock()
+        outcome = search(asked)
+    except StancekitError as error:
+        return SceneAnswer(
+            course=asked if isinstance(asked, Walk) else None,
+            status=Status.UNDECIDED if isinstance(error, nowhere) else None,
+            message=str(error),
+            patient=patient,
+            seconds=(clock() - begin, 0.0),
+        )
+    if outcome is None:
+        return SceneAnswer(course=asked)
+    message, plan, lack = outcome.message, outcome.solution, None
     if outcome.certificate is not None and outcome.problem is not None:
         explanation = explain(outcome.certificate)
         message, lack = explanation.message, next(iter(explanation.relaxations), None)
         if outcome.sets is not None:
             message += f", over the {outcome.sets} sets of its legs"
-    elif report is not None and not report.accepted:
-        message = report.message
-    share = (
-        1.0
-        if outcome.solution is None
-        else float(outcome.solution.provenance.get("friction_share", 1.0))
-    )
-    if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
+    elif outcome.report is not None and not outcome.report.accepted:
+        message = outcome.report.message
+    of_plan = {} if plan is None else plan.provenance
+    if layout := of_plan.get("layout"):
         message = f"laid out differently, since no plan was accepted as asked: {layout}"
     return SceneAnswer(
         course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
         status=outcome.status,
-        plan=outcome.solution,
+        plan=plan,
         message=message,
         lack=lack,
-        report=report,
+        report=outcome.report,
         patient=patient,
-        share=share,
-        seconds=seconds,
+        share=float(of_plan.get("friction_share", 1.0)),
+        seconds=(laid - begin, clock() - laid),
     )
 
 
@@ -342,7 +302,7 @@ class Session:
         judges: bool = True,
         rest_s: float | None = None,
     ) -> None:
-        self._walks = isinstance(scenario, WalkScenario)
+        self._walks = isinstance(scenario, Scenario) and scenario.kind == "walk"
         self._on_answer = on_answer
         self._rest_s = (_WALK_REST_S if self._walks else _REST_S) if rest_s is None else rest_s
         self._news = threading.Condition()

@@ -16,13 +16,13 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Robot
 
@@ -48,7 +48,6 @@ from .page_parts import (
     Player,
     called,
     from_behind,
-    key_values,
     let_camera,
     limb_table,
     loads,
@@ -56,9 +55,8 @@ from .page_parts import (
     solver_of,
     summary,
     verdict,
-    verdict_of_walk,
 )
-from .scenario import Scenario, WalkScenario
+from .scenario import Scenario
 
 _STEP_M = 0.25
 _AROUND_M = 0.75
@@ -68,9 +66,9 @@ _WAY = "#73808d"
 
 
 class Pictures:
-    """Draws courses and plans; what does not change from one to the next is kept."""
-
-    tab, unit = "Plan", "key frame"
+    """Draws questions and what is planned for them; what does not change from one to the next is
+    kept.
+    """
 
     def __init__(self) -> None:
         self._known = dict[str, tuple[Hashable, Any]]()
@@ -82,16 +80,24 @@ class Pictures:
         return self._known[what][1]
 
     def shape(self, robot: Robot) -> RobotShape:
-        """Shape of a robot."""
+        """Shape of a robot that climbs."""
         key = (robot.name, robot.identity, tuple((each.name, each.reach_m) for each in robot.limbs))
         return self._kept("shape", key, lambda: climber(robot))  # type: ignore[no-any-return]
 
-    def view(self, plan: Plan) -> PlanView:
-        """A plan as something to look at."""
-        return PlanView(plan, drawn_as=self.shape(plan.problem.robot))
+    def view(self, plan: Plan | Trajectory) -> PlanView | GaitView:
+        """A plan or a walk as something to look at."""
+        if isinstance(plan, Plan):
+            return PlanView(plan, drawn_as=self.shape(plan.robot))
+        return GaitView(plan, moves_as=feet_motion(plan))
 
-    def camera(self, course: Problem, answer: SceneAnswer) -> tuple[Array, float, Array]:
-        """The first view of a course: where it looks, from how far [m], and in what direction."""
+    def camera(self, scenario: Scenario, answer: SceneAnswer) -> tuple[Array, float, Array]:
+        """The first view of a scene: where it looks, from how far [m], and in what direction."""
+        course = scenario.course()
+        if isinstance(course, Walk):
+            ends = np.array([grip.position_m for grip in scenario.grips(course)])
+            way_m = float(np.linalg.norm(course.goal - course.start))
+            away_m = 2.2 * (way_m + 3.0 * course.robot.stand_height_m)
+            return ends.mean(axis=0), away_m, from_behind(np.array([-0.45, -0.75, 0.5]), *ends)
         path = course.com_nominal_m
         reach = max(limb.reach_m for limb in course.robot.limbs)
         away_m = 2.0 * (float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach)
@@ -101,14 +107,20 @@ class Pictures:
         return path.mean(axis=0), away_m, from_behind(towards, path[0], course.goal_m)
 
     def shown(self, before: SceneAnswer, answer: SceneAnswer, at: float) -> tuple[float, float]:
-        """Key frame that is shown with another answer, and the last one; an end is followed."""
+        """Key frame that is shown with another answer, and the last one; an end is followed. A walk
+        is shown from its beginning.
+        """
         course, earlier = answer.course, before.course
-        last = float(course.frames - 1) if isinstance(course, Problem) else 0.0
+        if not isinstance(course, Problem):
+            return 0.0, getattr(answer.plan, "duration_s", 0.0)
+        last = float(course.frames - 1)
         stays = isinstance(earlier, Problem) and at < earlier.frames - 1.001
         return at if stays else last, last
 
-    def ground(self, course: Problem) -> Scene:
-        """The surfaces about the path, in the tints of their friction."""
+    def ground(self, course: Problem | Walk) -> Scene:
+        """The surfaces about the path, in the tints of their friction; all of a field of heights."""
+        if isinstance(course, Walk):
+            return self._kept("heights", id(course.terrain), lambda: _heights(course))  # type: ignore[no-any-return]
         box = bounds_m(course)
         places = (
             box.tobytes(),
@@ -122,43 +134,44 @@ class Pictures:
             lambda: surfaces(course.terrain, pieces, friction_colours(frictions)),
         )
 
-    def asked(self, _scenario: Scenario, answer: SceneAnswer) -> Scene:
-        """Without a plan: where the body was asked to go, and what is lacking."""
+    def asked(self, scenario: Scenario, answer: SceneAnswer) -> Scene:
+        """Without a plan: where the body was asked to go, and what is lacking; of a walk a straight
+        line on the ground to the goal.
+        """
+        if isinstance(scenario.given, Walk):
+            return _to_goal(scenario, scenario.given)
         course = answer.course
         if not isinstance(course, Problem):
             return Scene()
         return asked(course, self.shape(course.robot), answer.lack)
 
-    def found(self, view: PlanView) -> Scene:
+    def found(self, view: PlanView | GaitView) -> Scene:
         """The way of a plan, the tracks of its toes, and its robot at some key frames in thin
-        lines.
+        lines; the ways of a walk.
         """
+        if isinstance(view, GaitView):
+            return Scene(paths=view.fixed.paths[1:])
         scene = _between(view.way) + view.tracks
         for k in ghosts(view.plan, view.plan.problem.frames - 1):
-            ghost = view.ghost(view.key(k))
-            scene += Scene(paths=ghost.paths)
+            scene += Scene(paths=view.ghost(view.key(k)).paths)
         return scene
 
-    def moment(self, view: PlanView, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
-        """The robot and its forces in their cones at a key frame or between two, what they are
-        called, in N, what its limbs give, and what moment that is.
+    def moment(
+        self, view: PlanView | GaitView, at: float
+    ) -> tuple[Scene, Scene, list[LimbLoad], str]:
+        """The robot and its forces at a time, what they are called, in N, what its limbs give, and
+        what moment that is.
         """
-        frame = round(at)
-        rests = abs(at - frame) < 0.01
-        now = view.key(frame) if rests else view.between_keys(at)
-        title = f"key frame {frame} of {view.plan.problem.frames - 1}"
-        if not rests:
-            title = f"between key frames {int(at)} and {int(at) + 1}"
-        limbs = loads(view, now, self._legs(view.plan.problem), view.near_rad(now))
-        return view.moving(now), Scene(labels=view.force_labels(now)), limbs, title
+        now, scene, title = view.seen(at)
+        solver = self._legs(view.plan.problem) if isinstance(view, PlanView) else None
+        limbs = loads(view, now, solver, view.near_rad(now))
+        return scene, Scene(labels=view.force_labels(now)), limbs, title
 
     def _legs(self, course: Problem) -> Kinematics | None:
         """The solver for the robot, made once."""
         robot = course.robot
         key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
         return self._kept("solver", key, lambda: solver_of(course))  # type: ignore[no-any-return]
-
-    summary, verdict = staticmethod(summary), staticmethod(verdict)
 
 
 def _between(scene: Scene) -> Scene:
@@ -183,87 +196,28 @@ def bounds_m(course: Problem) -> Array:
     return _STEP_M * np.array([np.floor(low / _STEP_M), np.ceil(high / _STEP_M)])
 
 
-class WalkPictures:
-    """Draws a terrain with a way over it, and walks, as ``Pictures`` does courses."""
+def _heights(walk: Walk) -> Scene:
+    """All of a walk's terrain, with lines of constant x and y, ``GRID_M`` apart."""
+    field, size_m = walk.terrain, walk.robot.stand_height_m
+    low, high = np.array(field.domain_m).T
+    sheets = block(field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m)
+    lines = grid_on_ground(field, low, high, GRID_M, 8 * CELLS)
+    grid = Line(pieces_m=lines, colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
+    return Scene(sheets=sheets, paths=[grid])
 
-    tab, unit = "Walk", "time [s]"
 
-    def __init__(self, scenario: WalkScenario) -> None:
-        self._first = scenario
-
-    def camera(self, *_: Any) -> tuple[Array, float, Array]:
-        """The first view of a walk."""
-        walk = self._first
-        start, goal = map(np.array, (walk.start_m, walk.goal_m))
-        away_m = 2.2 * (float(np.hypot(*(start - goal))) + 3.0 * walk.walker.stand_height_m)
-        middle = 0.5 * (walk.torso_m(walk.start_m) + walk.torso_m(walk.goal_m))
-        return middle, away_m, from_behind(np.array([-0.45, -0.75, 0.5]), start, goal)
-
-    def shown(self, _: Any, answer: SceneAnswer, at: float) -> tuple[float, float]:
-        """A walk is shown from its beginning."""
-        duration_s = getattr(answer.plan, "duration_s", 0.0)
-        return 0.0, duration_s
-
-    def view(self, trajectory: Trajectory) -> GaitView:
-        """A walk as something to look at."""
-        return GaitView(trajectory, moves_as=feet_motion(trajectory))
-
-    def ground(self, _: Any) -> Scene:
-        """All of the terrain, with lines of constant x and y, ``GRID_M`` apart."""
-        return self._ground
-
-    @cached_property
-    def _ground(self) -> Scene:
-        field, size_m = self._first.terrain, self._first.walker.stand_height_m
-        low, high = np.array(field.domain_m).T
-        sheets = block(
-            field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m
-        )
-        lines = grid_on_ground(field, low, high, GRID_M, 8 * CELLS)
-        grid = Line(pieces_m=lines, colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
-        return Scene(sheets=sheets, paths=[grid])
-
-    def asked(self, scenario: WalkScenario, _: SceneAnswer) -> Scene:
-        """A straight line on the ground from start to goal, and the goal."""
-        line = np.linspace(scenario.start_m, scenario.goal_m, 81)
-        low, high = np.array(scenario.terrain.domain_m).T
-        laid = on_ground(np.column_stack([line, 0.0 * line[:, :1]]), scenario.terrain, low, high)
-        ball = DrawnBody(
-            name="goal",
-            shape=Sphere(0.06 * scenario.walker.stand_height_m),
-            position_m=scenario.torso_m(scenario.goal_m),
-            colour=GOAL,
-        )
-        way = Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)
-        return Scene(paths=[way], bodies=[ball])
-
-    def found(self, view: GaitView) -> Scene:
-        """The ways of a walk."""
-        return Scene(paths=view.fixed.paths[1:])
-
-    def moment(self, view: GaitView, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
-        """The robot at a time, the contact forces on its feet in words, and as loads."""
-        now = view.now(at)
-        labels = [
-            each for each, down in zip(view.force_labels(now), now.stands, strict=True) if down
-        ]
-        title = f"{at:.2f} s of {view.trajectory.duration_s:g} s"
-        return view.moment(at), Scene(labels=labels), loads(view, now), title
-
-    def summary(self, answer: SceneAnswer) -> str:
-        """The walk in a few numbers, as HTML; empty without one."""
-        walk = answer.plan
-        if not isinstance(walk, Trajectory):
-            return ""
-        length = float(np.linalg.norm(np.diff(walk.torso_m, axis=0), axis=1).sum())
-        rows = [
-            ("robot", f"{walk.robot.name}, {walk.robot.mass_kg:.3g} kg"),
-            ("way", f"{length:.2f} m in {walk.duration_s:g} s"),
-            ("chart", str(walk.provenance.get("chart", "–"))),
-        ]
-        return key_values(rows)
-
-    verdict = staticmethod(verdict_of_walk)
+def _to_goal(scenario: Scenario, walk: Walk) -> Scene:
+    """A straight line on the ground from start to goal, and the goal."""
+    start, goal = (grip.position_m for grip in scenario.grips(None))
+    laid = on_ground(np.linspace(start, goal, 81), walk.terrain, *np.array(walk.terrain.domain_m).T)
+    ball = DrawnBody(
+        name="goal",
+        shape=Sphere(0.06 * walk.robot.stand_height_m),
+        position_m=goal,
+        colour=GOAL,
+    )
+    way = Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)
+    return Scene(paths=[way], bodies=[ball])
 
 
 def save_plan(answer: SceneAnswer, folder: Path, name: str, kind: str = "plan") -> Path:
@@ -329,15 +283,13 @@ class Playground:
     def __init__(
         self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path
     ) -> None:
-        course, gui = scenario.course(), server.gui
+        course, gui, walks = scenario.course(), server.gui, scenario.kind == "walk"
         self._server, self._folder, self._lock = server, folder, threading.RLock()
-        self._look: Any = (
-            WalkPictures(scenario) if isinstance(scenario, WalkScenario) else Pictures()
-        )
-        self._answer, self._view = quick_answer(scenario), None
+        self._look, self._answer = Pictures(), quick_answer(scenario)
+        self._view: PlanView | GaitView | None = None
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         server.scene.configure_default_lights(cast_shadow=False)
-        middle, away_m, towards = self._look.camera(course, self._answer)
+        middle, away_m, towards = self._look.camera(scenario, self._answer)
         let_camera(server, middle, away_m, towards)
         self._stage = Stage(server.scene, away_m)
         gui.set_panel_label(f"Stancekit playground: {scenario.name}")
@@ -353,11 +305,12 @@ class Playground:
             self._robot = names[0]
             self._menu = gui.add_dropdown("robot", names, initial_value=self._robot)
             self._menu.on_update(self._robot_chosen)
-        self._lay_out(gui, walks=isinstance(scenario, WalkScenario))
+        self._lay_out(gui, walks=walks)
         panel = gui.add_panel()
-        with panel.add_tab(self._look.tab):
+        with panel.add_tab("Walk" if walks else "Plan"):
             self._verdict, self._summary = gui.add_html(""), gui.add_html("")
-            self._player = Player(gui, self._look.unit, self._move, self._lock)
+            unit = "time [s]" if walks else "key frame"
+            self._player = Player(gui, unit, self._move, self._lock)
             self._limbs = gui.add_html("")
         panel.dock_right()
         panel.set_width(380)
@@ -403,7 +356,7 @@ class Playground:
     # -----------------------------------------------------------------------------------------------
     # what changes
 
-    def _change(self, edit: Callable[[Any], Any]) -> bool:
+    def _change(self, edit: Callable[[Scenario], Scenario]) -> bool:
         """Ask another question, made of the newest; whether that was possible."""
         try:
             self.session.change(edit)
@@ -434,13 +387,12 @@ class Playground:
         self._server.scene.remove_click_callback()
         self._picker.label = _PICK
         course = self._answer.course
-        hit = None
         if isinstance(course, Problem):
             hit = struck(course, event.ray_origin, event.ray_direction)
-        if hit is None:
-            self._notify("no surface was there; press the button and click once more")
-        else:
-            self._change(lambda scenario: scenario.picked(course, hit))
+            if hit is not None:
+                self._change(lambda scenario: scenario.picked(course, hit))
+                return
+        self._notify("no surface was there; press the button and click once more")
 
     # ------------------------------------------------------------------------------------------------
     # what is seen
@@ -454,7 +406,7 @@ class Playground:
                 if course is not None:
                     self._player.show(*look.shown(before, answer, self._player.at))
                     self._stage.show(look.ground(course), "/ground")
-                if course is not None or isinstance(scenario, WalkScenario):
+                if course is not None or isinstance(scenario.given, Walk):
                     self._controls.update(scenario.sliders(), scenario.grips(course))
                 self._view = None if answer.plan is None else look.view(answer.plan)
                 self._player.offer(self._view is not None)
@@ -467,12 +419,13 @@ class Playground:
                     self._stage.show(look.found(self._view), "/way")
                     self._pose()
                 drawn_ms = 1e3 * (time.perf_counter() - since)
-                self._verdict.content = look.verdict(answer, number, drawn_ms)
-                self._summary.content = look.summary(answer)
+                self._verdict.content = verdict(answer, number, drawn_ms)
+                self._summary.content = summary(answer)
             self._server.flush()
 
     def _pose(self) -> None:
         """The robot at the time that is shown, and what its limbs give then."""
+        assert self._view is not None
         scene, names, limbs, title = self._look.moment(self._view, self._player.at)
         self._stage.pose(scene)
         self._stage.show(names, "/names")

@@ -34,7 +34,7 @@ from stancekit.views.playground.page_parts import (
     verdict,
 )
 from stancekit.views.playground.playground import Pictures, save_course, save_plan, struck
-from stancekit.views.playground.scenario import KeysScenario
+from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP
 from tests.emulators.chromium import CHROMIUM, opened
@@ -62,7 +62,7 @@ def opened_once(folder, tmp_path_factory):
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
     with (
-        served(KeysScenario.of("walls"), folder=folder) as page,
+        served(Scenario.of("walls"), folder=folder) as page,
         opened(page.address, tmp_path_factory.mktemp("profile"), SIZE_PX, draws=False) as tab,
     ):
         tab.wait_for(f"{VERDICT} !== null")
@@ -73,7 +73,7 @@ def opened_once(folder, tmp_path_factory):
 def shown(opened_once):
     """It over two walls, as they are at first."""
     page, tab = opened_once
-    number = page.playground.session.change(lambda _: KeysScenario.of("walls"))
+    number = page.playground.session.change(lambda _: Scenario.of("walls"))
     tab.wait_for(f"{VERDICT}.dataset.change >= {number}")
     return page, tab
 
@@ -211,7 +211,7 @@ def test_no_word_of_the_panels_is_too_faint_to_be_read(shown, scheme):
 
 
 def test_the_way_of_a_plan_is_seen_on_white_and_on_nearly_black():
-    scenario = KeysScenario.of("walls")
+    scenario = Scenario.of("walls")
     pictures = Pictures()
     found = pictures.found(pictures.view(quick_answer(scenario).plan))
     marks = [each for each in found.bodies if each.name.startswith("com ")]
@@ -275,7 +275,7 @@ def test_a_page_may_be_found_by_the_name_of_this_machine():
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     """A playground over two walls."""
-    with served(KeysScenario.of("walls"), folder=tmp_path_factory.mktemp("saved")) as shown:
+    with served(Scenario.of("walls"), folder=tmp_path_factory.mktemp("saved")) as shown:
         yield shown
 
 
@@ -491,7 +491,7 @@ def test_a_slow_edit_keeps_what_others_changed_meanwhile():
 
 
 def test_an_edit_that_is_refused_changes_nothing():
-    pictures = Session(KeysScenario.of("walls"), lambda *_: None, judges=False)
+    pictures = Session(Scenario.of("walls"), lambda *_: None, judges=False)
 
     def edit(scenario):
         raise InvalidInput("no")
@@ -512,7 +512,7 @@ def test_a_scene_at_rest_is_judged_in_another_process_and_a_stale_verdict_is_dro
         if number == 1 and answer.accepted:
             accepted.set()
 
-    pictures = Session(KeysScenario.of("walls", frames=2), on_answer, rest_s=0.0)
+    pictures = Session(Scenario.of("walls", frames=2), on_answer, rest_s=0.0)
     pictures.start()
     assert quick.wait(PATIENCE_S)
     pictures.change(lambda scenario: scenario.slid("friction", 0.9))
@@ -535,7 +535,7 @@ def test_shares_of_cones_are_those_of_the_definition():
 def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch):
     from stancekit.planners.motion.plan_motion import key_sample
 
-    answer = patient_answer(KeysScenario.of("walls", frames=3))
+    answer = patient_answer(Scenario.of("walls", frames=3))
     plan = answer.plan
     now = key_sample(path_of(plan), 2)
     view = PlanView(plan)
@@ -554,7 +554,7 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
 
 
 def test_a_ray_meets_the_nearest_patch():
-    course = KeysScenario.of("walls").course()
+    course = Scenario.of("walls").course()
     assert struck(course, [0.0, 0.0, 0.3], [0.0, 1.0, 0.0]) == 0
     assert struck(course, [0.0, 0.0, 0.3], [0.0, -1.0, 0.0]) == 1
     assert struck(course, [0.0, -2.0, 0.3], [0.0, 1.0, 0.0]) == 1
@@ -563,7 +563,7 @@ def test_a_ray_meets_the_nearest_patch():
 
 @pytest.mark.parametrize("name", ["", "..", "a/b", "/etc/x", ".hidden", "../x"])
 def test_files_are_written_in_the_folder_and_nowhere_else(name, tmp_path):
-    scenario = KeysScenario.of("walls")
+    scenario = Scenario.of("walls")
     assert save_course(scenario, tmp_path, "played") == tmp_path / "played-course.yaml"
     with refuses("name"):
         save_course(scenario, tmp_path, name)

@@ -13,13 +13,14 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.explain import Relaxation, _change
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.views.playground.answers import Judge, quick_answer
 from stancekit.views.playground.page_parts import Player, explained, from_behind
-from stancekit.views.playground.scenario import FixedScenario, KeysScenario, WalkScenario
+from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import served
 from tests.emulators.chromium import CHROMIUM, opened
 from tests.emulators.playground import middle_of, pixel_of
@@ -94,10 +95,10 @@ VERDICT = "document.querySelector('#verdict')"
 
 
 @pytest.fixture(scope="module")
-def scenario() -> WalkScenario:
+def scenario() -> Scenario:
     """A short walk over a swell."""
     field = HeightField.from_function(lambda x, y: 0.03 * np.sin(2.0 * x), 2.0, 0.1, name="swell")
-    return WalkScenario.of(field, "anymal", goal_m=(0.5, 0.1))
+    return Scenario.about(Walk.over(field, (0.5, 0.1), robot="anymal"), "anymal")
 
 
 def test_a_walk_takes_its_time_until_that_is_slid(scenario):
@@ -106,9 +107,9 @@ def test_a_walk_takes_its_time_until_that_is_slid(scenario):
     assert far.takes_s == 6.0
     assert far.slid("duration_s", 8.0).takes_s == 8.0
     assert far.slid("friction", 0.3).course().friction == 0.3
-    start, goal = far.grips()
+    start, goal = far.grips(None)
     assert goal.position_m == pytest.approx(
-        [1.5, 0.0, 0.03 * np.sin(3.0) + far.walker.stand_height_m], abs=1e-3
+        [1.5, 0.0, 0.03 * np.sin(3.0) + far.given.robot.stand_height_m], abs=1e-3
     )
     assert start.axes == (True, True, False)
     with refuses("goal"):
@@ -169,7 +170,7 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
         tab.wait_for("document.querySelector('#limbs') !== null")
         assert "Accepted" in tab.text()
-        goal = page.playground.session.scenario.torso_m(page.playground.session.scenario.goal_m)
+        goal = page.playground.session.scenario.grips(None)[1].position_m
         east = np.array([1.0, 0.0, 0.0])
         tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
         tab.wait_for(f"{VERDICT}.dataset.change > 0")
@@ -183,7 +184,9 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for(
             f"{VERDICT}.dataset.change === '{page.playground.session.number}' && {VERDICT}.dataset.patient === '1'"
         )
-        assert page.playground.session.scenario.goal_m == pytest.approx((0.56, 0.1), abs=0.02)
+        assert page.playground.session.scenario.course().goal == pytest.approx(
+            (0.56, 0.1), abs=0.02
+        )
         tab.click(
             *middle_of(
                 tab,
@@ -193,7 +196,7 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for("document.querySelector('#saved') !== null")
     trajectory = read_motion(tmp_path / "played-walk.json")[0]
     assert check_trajectory(trajectory).accepted
-    assert trajectory.problem.goal == pytest.approx(page.playground.session.scenario.goal_m)
+    assert trajectory.problem.goal == pytest.approx(page.playground.session.scenario.course().goal)
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():
@@ -241,14 +244,14 @@ def slider(scenario, key):
 
 @pytest.mark.parametrize("name", [*builtin_courses(), "stones:0.3:1"])
 def test_a_scene_that_nobody_changed_is_the_course_and_so_is_its_file(name, tmp_path):
-    scenario = KeysScenario.of(name)
+    scenario = Scenario.of(name)
     assert course_difference(scenario.course(), read_course(name)) == ""
     assert course_difference(read_again(scenario, tmp_path), read_course(name)) == ""
 
 
 @pytest.mark.parametrize("name", ["walls", "stairs", "ground-to-wall"])
 def test_a_goal_that_is_dragged_is_where_the_way_ends_and_frames_follow(name, tmp_path):
-    scenario = KeysScenario.of(name)
+    scenario = Scenario.of(name)
     before = scenario.course()
     goal = before.goal_m + np.array([0.02, 0.01, 0.03])
     after = scenario.dragged("goal", goal)
@@ -263,7 +266,7 @@ def test_a_goal_that_is_dragged_is_where_the_way_ends_and_frames_follow(name, tm
 
 
 def test_walls_move_by_their_grips_and_sliders():
-    scenario = KeysScenario.of("walls")
+    scenario = Scenario.of("walls")
     left = next(grip for grip in scenario.grips(scenario.course()) if grip.key == "left wall")
     assert left.position_m[1] == pytest.approx(0.38)
     assert left.axes == (False, True, False)
@@ -278,7 +281,7 @@ def test_walls_move_by_their_grips_and_sliders():
 
 
 def test_a_picked_surface_becomes_a_polygon_with_its_own_place_and_friction(tmp_path):
-    scenario = KeysScenario.of("icy-walls")
+    scenario = Scenario.of("icy-walls")
     course = scenario.course()
     picked = scenario.picked(course, 7)
     assert course_difference(picked.course(), course) == ""
@@ -291,8 +294,8 @@ def test_a_picked_surface_becomes_a_polygon_with_its_own_place_and_friction(tmp_
 
 
 def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
-    scenario = KeysScenario.of("walls").slid("mass_kg", 20.0)
-    light, heavy = quick_answer(KeysScenario.of("walls")), quick_answer(scenario)
+    scenario = Scenario.of("walls").slid("mass_kg", 20.0)
+    light, heavy = quick_answer(Scenario.of("walls")), quick_answer(scenario)
     assert heavy.plan.problem.weight_n == pytest.approx(2.0 * light.plan.problem.weight_n)
     assert check_plan(heavy.plan).accepted
     carried = heavy.plan.forces_n.sum(axis=1)
@@ -300,7 +303,7 @@ def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
 
 
 def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
-    answer = quick_answer(KeysScenario.of("walls").slid("friction", 0.0))
+    answer = quick_answer(Scenario.of("walls").slid("friction", 0.0))
     assert answer.status is Status.INFEASIBLE
     assert answer.plan is None
     assert_names(answer.message, "friction", "0", "0.303")
@@ -325,14 +328,14 @@ def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(change, name):
-    answer = quick_answer(change(KeysScenario.of("walls")))
+    answer = quick_answer(change(Scenario.of("walls")))
     assert answer.course is None
     assert answer.plan is None
     assert_names(answer.message, name)
 
 
 def test_another_robot_stands_as_it_does(tmp_path):
-    scenario = KeysScenario.of("stairs", frames=3)
+    scenario = Scenario.of("stairs", frames=3)
     model = tmp_path / "robot.yaml"
     with refuses("robot"):
         scenario.with_robot(str(model))
@@ -342,7 +345,7 @@ def test_another_robot_stands_as_it_does(tmp_path):
 
 def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path):
     course = read_course("stairs")
-    scenario = FixedScenario(laid=course).picked(course, 3)
+    scenario = Scenario.about(course).picked(course, 3)
     by = np.array([0.01, 0.02, 0.005])
     moved = scenario.dragged("surface", course.terrain[3].centre_m + by).slid("surface", 0.5)
     found = moved.course()
