@@ -126,11 +126,15 @@ class Play:
         Raises InvalidInput.
         """
         from stancekit import Problem, load
+        from stancekit.planners.formats.question_file import read_leap
         from stancekit.planners.problem.course_between import LaidBetween
+        from stancekit.planners.problem.leap import is_leap_file
         from stancekit.planners.robot.robot_file import robot_of
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.scenario import Scenario
 
+        if is_leap_file(self.course):
+            return Scenario.about(read_leap(self.course, robot))
         suffix = Path(self.course).suffix.lower()
         if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:
             start, goal = (tuple(each.tolist()) for each in self.between.places())

@@ -13,19 +13,23 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from multiprocessing.connection import wait
 from typing import Any
 
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.report import Report
 from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps
 from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_between import LaidBetween
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
@@ -34,6 +38,8 @@ from stancekit.planners.verify.explain import Relaxation
 
 from .scenario import Scenario
 
+Question = Problem | Leap | Walk
+"""What is asked, as it is laid out."""
 _SHARES = (0.8, 1.0)
 """Shares of the friction, that a plan is looked for with while the scene is changed."""
 _QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
@@ -49,7 +55,7 @@ class SceneAnswer:
 
     Arguments:
         course: what is asked for; None where it makes no sense.
-        plan: accepted by the verifier as far as its contacts go, or a walk.
+        plan: accepted by the verifier as far as its contacts go; a leap, or a walk.
         status: None where the question makes no sense, or a walk is still planned; undecided where
             no way was found for a course.
         message: why there is no plan, or what is wrong with it, or how far the planning of a walk
@@ -60,9 +66,9 @@ class SceneAnswer:
         seconds: CPU time of the layout and of the search; of a walk the time that it took.
     """
 
-    course: Problem | Walk | None = None
+    course: Question | None = None
     status: Status | None = None
-    plan: Plan | Trajectory | None = None
+    plan: Plan | LeapPlan | Trajectory | None = None
     message: str = ""
     lack: Relaxation | None = None
     report: Report[Any] | None = None
@@ -84,7 +90,7 @@ it is [s]."""
 
 def quick_answer(scenario: Scenario) -> SceneAnswer:
     """A fast answer for the display, which looks at contacts alone; undecided if it would take
-    longer. Of a walk, whether there is one to plan. Raises nothing.
+    longer; of a leap all but joints and bodies. Of a walk, whether there is one to plan. Raises nothing.
     """
     planner = TwoStage(
         time_limit_s=_QUICK_S,
@@ -93,9 +99,11 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
         steps=_QUICK_STEPS,
     )
 
-    def search(asked: Problem | Walk | None) -> Answer[Any] | None:
+    def search(asked: Question | None) -> Answer[Any] | None:
         if isinstance(asked, Walk):
             return None
+        if isinstance(asked, Leap):
+            return find_leap(asked, time_limit_s=_QUICK_S)
         return plan_course(scenario.question, planner, shares=_SHARES, presses=(), limits=None)
 
     return _answered(scenario, search, patient=False)
@@ -108,11 +116,13 @@ def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAns
     ``stancekit gait``; until then ``tell`` gets how far its planning is. Raises nothing.
     """
 
-    def search(asked: Problem | Walk | None) -> Answer[Any]:
+    def search(asked: Question | None) -> Answer[Any]:
         if isinstance(asked, Walk):
             return _walked(asked, tell)
-        planner = TwoStage(time_limit_s=_PATIENT_S)
         deadline = time.perf_counter() + _PATIENT_S
+        if isinstance(asked, Leap):
+            return _leapt(asked, deadline)
+        planner = TwoStage(time_limit_s=_PATIENT_S)
         return plan_course(scenario.question, planner, layouts=scenario.layouts, deadline=deadline)
 
     answer = _answered(scenario, search, patient=True)
@@ -124,6 +134,17 @@ def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAns
     if passage.robot.own or flood(passage) is None:
         return answer
     return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
+
+
+def _leapt(leap: Leap, deadline: float) -> Answer[LeapPlan]:
+    """The answer of ``stancekit plan`` to a leap."""
+    method = LeapFinder()
+    answer = find_leap(leap, method, time_limit_s=_PATIENT_S)
+    if answer.solution is None or not leap.robot.own:
+        return answer
+    from stancekit.planners.leap.bend import judged_answer  # reads robots, and is slow to import
+
+    return judged_answer(answer, programs_of_this_thread(), share=method.share, deadline=deadline)
 
 
 def _walked(task: Walk, tell: _Told) -> Answer[Trajectory]:
@@ -147,7 +168,7 @@ def _walked(task: Walk, tell: _Told) -> Answer[Trajectory]:
 
 def _answered(
     scenario: Scenario,
-    search: Callable[[Problem | Walk | None], Answer[Any] | None],
+    search: Callable[[Question | None], Answer[Any] | None],
     *,
     patient: bool,
 ) -> SceneAnswer:
@@ -187,7 +208,7 @@ def _answered(
     if layout := of_plan.get("layout"):
         message = f"laid out differently, since no plan was accepted as asked: {layout}"
     return SceneAnswer(
-        course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
+        course=outcome.problem if isinstance(outcome.problem, Problem | Leap) else asked,
         status=outcome.status,
         plan=plan,
         message=message,
@@ -200,79 +221,47 @@ def _answered(
 
 
 class Judge:
-    """Judges one scene after another; of those that wait only the newest is kept.
+    """The process that judges scenes, one at a time; it starts with the first.
 
-    on_answer(number, answer) is called in a thread of its own. The process starts with the first
-    scene.
+    number: of the change that is judged, None while it waits for one; pipe: where it answers.
     """
 
-    def __init__(self, on_answer: Callable[[int, SceneAnswer], None]) -> None:
-        self._on_answer = on_answer
-        self._lock = threading.Lock()
-        self._pipe: Any = None
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self.pipe: Any = None
         self._process: Any = None
-        self._waiting: tuple[int, Scenario] | None = None
-        self._busy = self._closed = False
 
     def ask(self, number: int, scenario: Scenario) -> None:
-        """Judge this next, and not what still waits."""
-        with self._lock:
-            if self._closed:
-                return
-            self._waiting = (number, scenario)
-            if not self._busy:
-                self._busy = True
-                threading.Thread(target=self._work, name="judge", daemon=True).start()
+        """Have a scene judged."""
+        if self._process is None:
+            context = multiprocessing.get_context("spawn")
+            self.pipe, there = context.Pipe()
+            self._process = context.Process(target=_serve, args=(there,), daemon=True)
+            self._process.start()
+            there.close()
+        self.number = number
+        with suppress(OSError):  # one that has ended says so where it is heard
+            self.pipe.send(scenario)
 
-    def drop(self, *, ends: bool = False) -> None:
-        """Drop what waits: it is of no use any more.
+    def heard(self) -> SceneAnswer:
+        """What it says next, waited for."""
+        try:
+            answer: SceneAnswer = self.pipe.recv()
+        except (EOFError, OSError):
+            self.end()
+            return SceneAnswer(
+                message="the process that judges plans has ended; any change starts it anew"
+            )
+        if answer.patient:
+            self.number = None
+        return answer
 
-        Arguments:
-            ends: what is in work, too, with its process.
-        """
-        with self._lock:
-            self._waiting = None
-            process = self._process if ends else None
-            self._process = None if ends else self._process
-        if process is not None:
-            process.kill()
-            process.join()
-
-    def close(self) -> None:
+    def end(self) -> None:
         """End the process, also in the middle of its work."""
-        self._closed = True
-        self.drop(ends=True)
-
-    def _work(self) -> None:
-        while True:
-            with self._lock:
-                if self._waiting is None or self._closed:
-                    self._busy = False
-                    return
-                (number, scenario), self._waiting = self._waiting, None
-                if self._process is None:
-                    self._start()
-                pipe, process, done = self._pipe, self._process, False
-            try:
-                pipe.send(scenario)
-                while not done:
-                    answer = pipe.recv()
-                    done = answer.patient
-                    self._on_answer(number, answer)
-            except (EOFError, OSError):
-                with self._lock:
-                    if self._process is not process:  # we ended it
-                        continue
-                    self._process = None
-                message = "the process that judges plans has ended; any change starts it anew"
-                self._on_answer(number, SceneAnswer(message=message))
-
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._pipe, there = context.Pipe()
-        self._process = context.Process(target=_serve, args=(there,), daemon=True)
-        self._process.start()
-        there.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        self._process = self.number = None
 
 
 def _serve(pipe: Any) -> None:
@@ -305,11 +294,10 @@ class Session:
         self._walks = isinstance(scenario, Scenario) and scenario.kind == "walk"
         self._on_answer = on_answer
         self._rest_s = (_WALK_REST_S if self._walks else _REST_S) if rest_s is None else rest_s
-        self._news = threading.Condition()
+        self._lock, (self._news, self._bell) = threading.Lock(), multiprocessing.Pipe(duplex=False)
         self.scenario, self.number, self._since = scenario, 0, time.perf_counter()
         self._answered, self._judged = -1, -1
-        self._verdict: tuple[int, SceneAnswer] | None = None
-        self._judge = Judge(self._told) if judges else None
+        self._judge = Judge() if judges else None
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="playground", daemon=True)
 
@@ -326,63 +314,63 @@ class Session:
         scene, and keeps their changes.
         """
         while True:
-            with self._news:
+            with self._lock:
                 base, number, since = self.scenario, self.number, time.perf_counter()
             edited = edit(base)
-            with self._news:
-                if number != self.number:
-                    continue
-                self.scenario, self._since = edited, since
-                self.number += 1
-                if self._judge is not None:
-                    self._judge.drop(ends=self._walks)
-                self._news.notify()
-                return self.number
+            with self._lock:
+                if number == self.number:
+                    self.scenario, self._since = edited, since
+                    self.number += 1
+                    self._bell.send_bytes(b"changed")
+                    return self.number
 
     def close(self) -> None:
         """End thread and process."""
-        with self._news:
-            self._closed = True
-            self._news.notify()
-        if self._judge is not None:
-            self._judge.close()
+        self._closed = True
+        self._bell.send_bytes(b"closed")
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
 
-    def _told(self, number: int, answer: SceneAnswer) -> None:
-        with self._news:
-            self._verdict = (number, answer)
-            self._news.notify()
-
     def _work(self) -> None:
-        while True:
-            with self._news:
-                self._news.wait_for(self._is_due, timeout=self._patience_s())
-                if self._closed:
-                    return
+        judge = self._judge
+        while not self._closed:
+            spoken = self._spoken()
+            with self._lock:
                 number, scenario, since = self.number, self.scenario, self._since
-                verdict, self._verdict = self._verdict, None
             if number != self._answered:
+                if judge is not None and self._walks:
+                    judge.end()  # what it plans nobody wants any more
                 self._say(number, scenario, quick_answer(scenario), since)
                 self._answered = number
-            elif verdict is not None and verdict[0] == number:
-                self._say(number, scenario, verdict[1], since)
-            elif (
-                self._judge is not None
-                and self._judged != number
-                and time.perf_counter() - since >= self._rest_s
-            ):
+            elif judge is not None and spoken:
+                of, answer = judge.number, judge.heard()
+                if of == number:
+                    self._say(number, scenario, answer, since)
+            elif judge is not None and self._patience_s() == 0.0:
                 self._judged = number
-                self._judge.ask(number, scenario)
+                judge.ask(number, scenario)
+        if judge is not None:
+            judge.end()
 
-    def _is_due(self) -> bool:
-        return self._closed or self.number != self._answered or self._verdict is not None
+    def _spoken(self) -> bool:
+        """Wait for a change, for the judge, or until the scene has rested; whether the judge has
+        spoken.
+        """
+        judge, lines = self._judge, [self._news]
+        if judge is not None and judge.number is not None:
+            lines.append(judge.pipe)
+        ready = wait(lines, self._patience_s())
+        while self._news.poll():
+            self._news.recv_bytes()
+        return any(line is not self._news for line in ready)
 
     def _patience_s(self) -> float | None:
         """Time until the scene counts as settled; None where there is nothing to wait for."""
-        if self._judge is None or self._judged == self.number or self.number != self._answered:
+        if self.number != self._answered:
+            return 0.0
+        if self._judge is None or self._judge.number is not None or self._judged == self.number:
             return None
-        return max(self._rest_s - (time.perf_counter() - self._since), 0.001)
+        return max(self._rest_s - (time.perf_counter() - self._since), 0.0)
 
     def _say(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
         try:

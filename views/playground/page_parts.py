@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.answer.plan import WHOLE_BODY, Plan
+from stancekit.planners.answer.plan import WHOLE_BODY, LeapPlan, Plan
 from stancekit.planners.answer.report import acceptance_word
+from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
@@ -136,6 +137,11 @@ class Controls:
 _FPS = 15.0
 
 
+def next_picture(stop: threading.Event) -> bool:
+    """Wait until the next picture is due; whether it was stopped before."""
+    return stop.wait(1.0 / _FPS)
+
+
 class Player:
     """In the tab that is open on ``gui``, one second, or key frame, of it a second.
 
@@ -144,12 +150,18 @@ class Player:
         on_time: called, with ``lock`` held, when another time is to be shown; it returns whether
             there is anything to show, and where there is nothing the time stays. at: the time that
             is shown; last: where it ends.
+        pause: its clock.
     """
 
     def __init__(
-        self, gui: Any, unit: str, on_time: Callable[[], bool], lock: AbstractContextManager[Any]
+        self,
+        gui: Any,
+        unit: str,
+        on_time: Callable[[], bool],
+        lock: AbstractContextManager[Any],
+        pause: Callable[[threading.Event], bool] = next_picture,
     ) -> None:
-        self._on_time, self._lock = on_time, lock
+        self._on_time, self._lock, self._pause = on_time, lock, pause
         self._stop: threading.Event | None = None
         self.at, self.last = 0.0, 0.0
         self._button = gui.add_button("play")
@@ -198,7 +210,7 @@ class Player:
                 self._go(min(max(float(event.target.value), 0.0), self.last))
 
     def _play(self, stop: threading.Event) -> None:
-        while not stop.wait(1.0 / _FPS):
+        while not self._pause(stop):
             with self._lock:
                 if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / _FPS, self.last)):
                     self.show(self.at, self.last)
@@ -546,9 +558,11 @@ def summary(answer: SceneAnswer) -> str:
     ]
     if isinstance(plan, Plan):
         rows += _of_plan(plan, answer)
-    else:
-        length_m = float(np.linalg.norm(np.diff(plan.torso_m, axis=0), axis=1).sum())
-        rows.append(("way", f"{length_m:.2f} m in {plan.duration_s:g} s"))
+        return key_values(rows)
+    path_m = plan.com_m if isinstance(plan, LeapPlan) else plan.torso_m
+    length_m = float(np.linalg.norm(np.diff(path_m, axis=0), axis=1).sum())
+    rows.append(("way", f"{length_m:.2f} m in {plan.times_s[-1] - plan.times_s[0]:.4g} s"))
+    if isinstance(plan, Trajectory):
         rows.append(("chart", str(plan.provenance.get("chart", "–"))))
     return key_values(rows)
 

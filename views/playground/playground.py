@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
@@ -22,13 +22,15 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Robot
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
+from ..leaps import LeapView
 from ..page import Stage
-from ..plans import PlanView, asked, ghosts
+from ..plans import PlanView, View, asked, ghosts, offered, way_of
 from ..robots import RobotShape, climber
 from ..scene import DrawnBody, Path as Line, Scene, Sphere
 from ..sheet import GOAL, INK, friction_colours
@@ -39,7 +41,7 @@ from ..terrain import (
     pieces_within,
     surfaces,
 )
-from .answers import SceneAnswer, Session, quick_answer
+from .answers import Question, SceneAnswer, Session, quick_answer
 from .page_parts import (
     BRAND,
     Controls,
@@ -84,10 +86,13 @@ class Pictures:
         key = (robot.name, robot.identity, tuple((each.name, each.reach_m) for each in robot.limbs))
         return self._kept("shape", key, lambda: climber(robot))  # type: ignore[no-any-return]
 
-    def view(self, plan: Plan | Trajectory) -> PlanView | GaitView:
-        """A plan or a walk as something to look at."""
-        if isinstance(plan, Plan):
-            return PlanView(plan, drawn_as=self.shape(plan.robot))
+    def view(self, plan: Plan | LeapPlan | Trajectory) -> View:
+        """What was planned as something to look at."""
+        match plan:
+            case Plan():
+                return PlanView(plan, drawn_as=self.shape(plan.robot))
+            case LeapPlan():
+                return LeapView(plan)
         return GaitView(plan, moves_as=feet_motion(plan))
 
     def camera(self, scenario: Scenario, answer: SceneAnswer) -> tuple[Array, float, Array]:
@@ -98,40 +103,42 @@ class Pictures:
             way_m = float(np.linalg.norm(course.goal - course.start))
             away_m = 2.2 * (way_m + 3.0 * course.robot.stand_height_m)
             return ends.mean(axis=0), away_m, from_behind(np.array([-0.45, -0.75, 0.5]), *ends)
-        path = course.com_nominal_m
+        path = course.com_nominal_m if isinstance(course, Problem) else way_of(course)
         reach = max(limb.reach_m for limb in course.robot.limbs)
         away_m = 2.0 * (float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach)
         towards = np.array([-0.75, -0.45, 0.35])
-        if isinstance(answer.plan, Plan):
+        if answer.plan is not None:
             towards = self.view(answer.plan).camera.axes[2]
-        return path.mean(axis=0), away_m, from_behind(towards, path[0], course.goal_m)
+        return path.mean(axis=0), away_m, from_behind(towards, path[0], way_of(course)[-1])
 
-    def shown(self, before: SceneAnswer, answer: SceneAnswer, at: float) -> tuple[float, float]:
+    def shown(
+        self, before: SceneAnswer, answer: SceneAnswer, view: View | None, at: float
+    ) -> tuple[float, float]:
         """Key frame that is shown with another answer, and the last one; an end is followed. A walk
-        is shown from its beginning.
+        or a leap is shown from its beginning.
         """
         course, earlier = answer.course, before.course
         if not isinstance(course, Problem):
-            return 0.0, getattr(answer.plan, "duration_s", 0.0)
+            return 0.0, 0.0 if view is None else view.duration_s
         last = float(course.frames - 1)
         stays = isinstance(earlier, Problem) and at < earlier.frames - 1.001
         return at if stays else last, last
 
-    def ground(self, course: Problem | Walk) -> Scene:
+    def ground(self, course: Question) -> Scene:
         """The surfaces about the path, in the tints of their friction; all of a field of heights."""
         if isinstance(course, Walk):
             return self._kept("heights", id(course.terrain), lambda: _heights(course))  # type: ignore[no-any-return]
-        box = bounds_m(course)
+        box, terrain = bounds_m(course), offered(course)
         places = (
             box.tobytes(),
-            *((patch.vertices_m.tobytes(), patch.normal.tobytes()) for patch in course.terrain),
+            *((patch.vertices_m.tobytes(), patch.normal.tobytes()) for patch in terrain),
         )
-        frictions = [patch.friction for patch in course.terrain]
-        pieces = self._kept("pieces", places, lambda: pieces_within(course.terrain, box))
+        frictions = [patch.friction for patch in terrain]
+        pieces = self._kept("pieces", places, lambda: pieces_within(terrain, box))
         return self._kept(  # type: ignore[no-any-return]
             "ground",
             (places, *frictions),
-            lambda: surfaces(course.terrain, pieces, friction_colours(frictions)),
+            lambda: surfaces(terrain, pieces, friction_colours(frictions)),
         )
 
     def asked(self, scenario: Scenario, answer: SceneAnswer) -> Scene:
@@ -141,24 +148,22 @@ class Pictures:
         if isinstance(scenario.given, Walk):
             return _to_goal(scenario, scenario.given)
         course = answer.course
-        if not isinstance(course, Problem):
+        if course is None or isinstance(course, Walk):
             return Scene()
         return asked(course, self.shape(course.robot), answer.lack)
 
-    def found(self, view: PlanView | GaitView) -> Scene:
-        """The way of a plan, the tracks of its toes, and its robot at some key frames in thin
-        lines; the ways of a walk.
+    def found(self, view: View) -> Scene:
+        """The way of a motion; of a plan also the tracks of its toes, and its robot at some key
+        frames in thin lines.
         """
-        if isinstance(view, GaitView):
-            return Scene(paths=view.fixed.paths[1:])
-        scene = _between(view.way) + view.tracks
-        for k in ghosts(view.plan, view.plan.problem.frames - 1):
-            scene += Scene(paths=view.ghost(view.key(k)).paths)
+        scene = _between(view.way)
+        if isinstance(view, PlanView):
+            scene += view.tracks
+            for k in ghosts(view.plan, view.plan.problem.frames - 1):
+                scene += Scene(paths=view.ghost(view.key(k)).paths)
         return scene
 
-    def moment(
-        self, view: PlanView | GaitView, at: float
-    ) -> tuple[Scene, Scene, list[LimbLoad], str]:
+    def moment(self, view: View, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
         """The robot and its forces at a time, what they are called, in N, what its limbs give, and
         what moment that is.
         """
@@ -183,15 +188,14 @@ def _between(scene: Scene) -> Scene:
     return replace(scene, bodies=bodies, paths=paths)
 
 
-def bounds_m(course: Problem) -> Array:
+def bounds_m(course: Problem | Leap) -> Array:
     """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs
     reach, in steps.
     """
     reach = max(
         limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs
     )
-    around = max(_AROUND_M, 1.2 * reach)
-    com = np.vstack([course.com_nominal_m, course.goal_m[None]])
+    around, com = max(_AROUND_M, 1.2 * reach), way_of(course)
     low, high = com.min(axis=0) - around, com.max(axis=0) + around
     return _STEP_M * np.array([np.floor(low / _STEP_M), np.ceil(high / _STEP_M)])
 
@@ -283,10 +287,10 @@ class Playground:
     def __init__(
         self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path
     ) -> None:
-        course, gui, walks = scenario.course(), server.gui, scenario.kind == "walk"
+        course, gui = scenario.course(), server.gui
         self._server, self._folder, self._lock = server, folder, threading.RLock()
         self._look, self._answer = Pictures(), quick_answer(scenario)
-        self._view: PlanView | GaitView | None = None
+        self._view: View | None = None
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         server.scene.configure_default_lights(cast_shadow=False)
         middle, away_m, towards = self._look.camera(scenario, self._answer)
@@ -305,17 +309,18 @@ class Playground:
             self._robot = names[0]
             self._menu = gui.add_dropdown("robot", names, initial_value=self._robot)
             self._menu.on_update(self._robot_chosen)
-        self._lay_out(gui, walks=walks)
+        self._lay_out(gui, course)
         panel = gui.add_panel()
-        with panel.add_tab("Walk" if walks else "Plan"):
+        with panel.add_tab("Walk" if isinstance(course, Walk) else "Plan"):
             self._verdict, self._summary = gui.add_html(""), gui.add_html("")
-            unit = "time [s]" if walks else "key frame"
+            unit = "key frame" if isinstance(course, Problem) else "time [s]"
             self._player = Player(gui, unit, self._move, self._lock)
             self._limbs = gui.add_html("")
         panel.dock_right()
         panel.set_width(380)
         server.on_client_disconnect(lambda _: self._controls.let_go())
-        self._player.show(*self._look.shown(SceneAnswer(), SceneAnswer(course=course), 0.0))
+        first = SceneAnswer(course=course)
+        self._player.show(*self._look.shown(SceneAnswer(), first, None, 0.0))
         self.session = Session(scenario, self._draw)
         self._controls.update(scenario.sliders(), scenario.grips(course))
         self.session.start()
@@ -329,19 +334,20 @@ class Playground:
         self._player.stop()
         self.session.close()
 
-    def _lay_out(self, gui: Any, *, walks: bool) -> None:
+    def _lay_out(self, gui: Any, course: Question) -> None:
         """Add the files, and of a course the button that picks a surface."""
-        kind, reader = ("walk" if walks else "plan"), "stancekit verify"
+        kind, reader = ("walk" if isinstance(course, Walk) else "plan"), "stancekit verify"
         saves: dict[str, tuple[Callable[[str], Path], str]] = {
             kind: (lambda name: save_plan(self._answer, self._folder, name, kind), reader)
         }
-        if walks:
+        if isinstance(course, Walk):
             Files(gui, self._folder, saves)
             return
-        self._picker = gui.add_button(
-            _PICK, hint="The next click on a surface gives it a grip and a friction."
-        )
-        self._picker.on_click(self._pick)
+        if isinstance(course, Problem):
+            self._picker = gui.add_button(
+                _PICK, hint="The next click on a surface gives it a grip and a friction."
+            )
+            self._picker.on_click(self._pick)
         saves["course"] = (
             lambda name: save_course(self.session.scenario, self._folder, name),
             "stancekit plan",
@@ -402,13 +408,13 @@ class Playground:
         with self._lock:
             before, self._answer = self._answer, answer
             course, look = answer.course, self._look
+            self._view = None if answer.plan is None else look.view(answer.plan)
             with self._server.atomic():
                 if course is not None:
-                    self._player.show(*look.shown(before, answer, self._player.at))
+                    self._player.show(*look.shown(before, answer, self._view, self._player.at))
                     self._stage.show(look.ground(course), "/ground")
                 if course is not None or isinstance(scenario.given, Walk):
                     self._controls.update(scenario.sliders(), scenario.grips(course))
-                self._view = None if answer.plan is None else look.view(answer.plan)
                 self._player.offer(self._view is not None)
                 if self._view is None:
                     self._stage.show(look.asked(scenario, answer), "/way")

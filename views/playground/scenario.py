@@ -25,6 +25,7 @@ from stancekit.planners.problem.course_between import LaidBetween, course_betwee
 from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.terrain_spec import polygon_keys
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import hexapod
@@ -32,6 +33,8 @@ from stancekit.planners.robot.reach_sets import Sets, standing_toes
 from stancekit.planners.robot.robot_file import named_robot, robot_of
 from stancekit.planners.search.plan_course import LayOut
 from stancekit.planners.terrain.patch import Patch
+
+from ..plans import offered, way_of
 
 SURFACE = "surface"
 """Key of the grip of the surface that was picked, and of the slider of its friction."""
@@ -133,6 +136,10 @@ _WALLS = (
     _of_terrain("lean_rad.0", "left wall leans in by", "°", -40.0, 40.0, 0.5, (0.0, 0.0)),
     _of_terrain("lean_rad.1", "right wall leans in by", "°", -40.0, 40.0, 0.5, (0.0, 0.0)),
 )
+_AS_LAID = (
+    replace(_FRICTION, label="friction of all surfaces, times", unit="", high=2.0),
+    _MASS,
+)
 SLIDERS: Mapping[str, tuple[Slider, ...]] = {
     "walls": _WALLS,
     "icy-walls": _WALLS,
@@ -155,10 +162,8 @@ SLIDERS: Mapping[str, tuple[Slider, ...]] = {
         _of_terrain("level", "difficulty of the family", "", 0.0, 1.0, 0.01, 0.5),
     ),
     "between": (_FRICTION, replace(_FRAMES, high=_MOST_LAID)),
-    "laid": (
-        replace(_FRICTION, label="friction of all surfaces, times", unit="", high=2.0),
-        _MASS,
-    ),
+    "laid": _AS_LAID,
+    "leap": _AS_LAID,
     "walk": (replace(_FRICTION, label="friction of the terrain", low=0.05), _DURATION),
 }
 """What may be slid, by the kind of the question, of a course by that of its terrain."""
@@ -178,7 +183,7 @@ class Scenario:
             already, times what it has), and ``frames`` or ``duration_s``, by the way's length where
             None.
         given: the question whose fields they take the place of: a way between two places, a course
-            that is laid out, a walk; None of a course in the keys of its file.
+            that is laid out, a leap, a walk; None of a course in the keys of its file.
         folder: where its relative paths begin.
         stride_m: of key frames that follow the goal, None once they were slid [m].
         own_kg: mass of the robot as it is.
@@ -186,12 +191,12 @@ class Scenario:
     """
 
     keys: Mapping[str, Any]
-    given: LaidBetween | Problem | Walk | None = None
+    given: LaidBetween | Problem | Leap | Walk | None = None
     folder: Path = Path()
     stride_m: float | None = None
     own_kg: float = 10.0
     chosen: int | None = None
-    _laid: dict[str, Problem] = field(default_factory=dict, repr=False)
+    _laid: dict[str, Problem | Leap] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, course: str, robot: str | None = None, frames: int | None = None) -> Scenario:
@@ -217,9 +222,9 @@ class Scenario:
         return made if robot is None else made.with_robot(robot)
 
     @classmethod
-    def about(cls, given: LaidBetween | Problem | Walk, robot: str = "") -> Scenario:
+    def about(cls, given: LaidBetween | Problem | Leap | Walk, robot: str = "") -> Scenario:
         """The scene of a way between two places, of a course that is laid out, a posture as one of
-        one frame, or of a walk.
+        one frame, of a leap, or of a walk.
 
         Arguments:
             robot: name or file of its robot, where it may become another one.
@@ -232,6 +237,9 @@ class Scenario:
                 keys |= {"start_m": given.start_m, "goal_m": given.goal_m}
             case Problem():
                 keys |= {"name": given.name, "goal_m": given.goal_m}
+                return cls(keys=keys, given=given, own_kg=given.robot.mass_kg)
+            case Leap():
+                keys |= {"name": given.name, "goal_m": given.goal.com_m}
                 return cls(keys=keys, given=given, own_kg=given.robot.mass_kg)
             case Walk():
                 keys["terrain"] = {"friction": given.friction}
@@ -257,7 +265,8 @@ class Scenario:
         """Kind of the question, of a course in the keys of its file that of its terrain."""
         if self.given is None:
             return str(self.keys["terrain"]["kind"])
-        return {LaidBetween: "between", Problem: "laid", Walk: "walk"}[type(self.given)]
+        kinds = {LaidBetween: "between", Problem: "laid", Leap: "leap", Walk: "walk"}
+        return kinds[type(self.given)]
 
     @property
     def layouts(self) -> tuple[Alternative, ...]:
@@ -278,8 +287,8 @@ class Scenario:
     def sliders(self) -> tuple[Slider, ...]:
         """What may be slid, with the numbers that there are now."""
         rows, given = SLIDERS.get(self.kind, _COURSE), self.given
-        if isinstance(given, Problem):
-            most = max(patch.friction for patch in given.terrain)
+        if isinstance(given, Problem | Leap):
+            most = max(patch.friction for patch in offered(given))
             friction, *mass = rows
             hint = f"Of what the file says: {most:.3g} at most."
             rows = (replace(friction, hint=hint), *([] if given.robot.own else mass))
@@ -301,7 +310,8 @@ class Scenario:
             case "mass_kg":
                 default, high = self.own_kg, 4.0 * self.own_kg
             case "frames":
-                default = self._laid[_AS_ASKED].frames if _AS_ASKED in self._laid else 2
+                laid = self._laid.get(_AS_ASKED)
+                default = laid.frames if isinstance(laid, Problem) else 2
             case "duration_s":
                 default = self.takes_s
         value = slider.scale * float(_at(self.keys, slider.path, default))
@@ -330,14 +340,15 @@ class Scenario:
         if isinstance(self.given, Walk):
             ends = {key: self.torso_m(self.keys[f"{key}_m"]) for key in ("start", "goal")}
         else:
-            ends = {"start": asked.com_nominal_m[0], "goal": asked.goal_m}
+            way = way_of(asked)
+            ends = {"start": way[0], "goal": way[-1]}
         if SLIDERS.get(kind) is _WALLS:
             middle, terrain = asked.com_nominal_m.mean(axis=0), self.keys["terrain"]
             for side, name in enumerate(_SIDES):
                 away = _at(terrain, ("apart_m",), 0.38) + _at(terrain, ("offset_m", side), 0.0)
                 at = np.array([middle[0], (1.0, -1.0)[side] * away, ends["start"][2]])
                 result.append(Grip(key=name, label=name, position_m=at, axes=(False, True, False)))
-        if result or kind == "laid":
+        if result or kind in ("laid", "leap"):
             del ends["start"]
         axes = (True, True, kind not in ("between", "walk"))
         result += [Grip(key=key, label=key, position_m=at, axes=axes) for key, at in ends.items()]
@@ -372,10 +383,8 @@ class Scenario:
         Raises InvalidInput where surfaces are those of a file.
         """
         kind = self.kind
-        if kind in ("between", "walk"):
-            raise InvalidInput(
-                "surface: expected a course of surfaces to pick one of, got a terrain's file"
-            )
+        if kind in ("between", "leap", "walk"):
+            raise InvalidInput(f"surface: expected a course to pick one of, got a {kind}")
         if kind in ("laid", "polygons"):
             return replace(self, chosen=patch)
         terrain = spec_from(self.keys).terrain.along(course.com_nominal_m, self.folder)
@@ -416,7 +425,7 @@ class Scenario:
         """
         keys = {**self.keys, "robot": _whole_path(robot)}
         match self.given:
-            case Problem():
+            case Problem() | Leap():
                 raise InvalidInput(
                     f"robot: expected the robot of a course whose footholds are fixed, got {robot}"
                 )
@@ -450,7 +459,7 @@ class Scenario:
         if way not in self._laid:
             if isinstance(given, LaidBetween):
                 course = self.between(sets, alternative)
-            elif isinstance(given, Problem):
+            elif given is not None:
                 course = self._changed(given)
             else:
                 course = build_course(spec_from(keys), self.folder, sets, alternative=alternative)
@@ -475,26 +484,26 @@ class Scenario:
             frames=keys["frames"],
         )
 
-    def _changed(self, given: Problem) -> Problem:
-        """A course that is laid out, with the goal, the friction and the mass that are asked for."""
-        by, robot = self.keys["terrain"]["friction"], given.robot
+    def _changed(self, given: Problem | Leap) -> Problem | Leap:
+        """A question that is laid out, with the goal, the friction and the mass that are asked
+        for.
+        """
+        by, goal_m = self.keys["terrain"]["friction"], np.array(self.keys["goal_m"])
+        robot = given.robot
         if "mass_kg" in self.keys:
             robot = replace(robot, mass_kg=self.keys["mass_kg"])
 
         def rubbed(patches: Sequence[Patch]) -> tuple[Patch, ...]:
-            if by == 1.0:
-                return tuple(patches)
             return tuple(patch.with_friction(by * patch.friction) for patch in patches)
 
-        return replace(
-            given,
-            goal_m=np.array(self.keys["goal_m"]),
-            robot=robot,
-            terrain=rubbed(given.terrain),
-            footholds=tuple(
-                replace(each, candidates=rubbed(each.candidates)) for each in given.footholds
-            ),
+        footholds = tuple(
+            replace(each, candidates=rubbed(each.candidates)) for each in given.footholds
         )
+        if isinstance(given, Leap):
+            goal = replace(given.goal, com_m=goal_m)
+            return replace(given, robot=robot, footholds=footholds, goal=goal)
+        terrain = rubbed(given.terrain)
+        return replace(given, goal_m=goal_m, robot=robot, terrain=terrain, footholds=footholds)
 
     def torso_m(self, place: Sequence[float]) -> Array:
         """Place of a walker's torso over a point, as the robot stands, shape (3,) [m]."""
@@ -512,7 +521,7 @@ class Scenario:
         match self.given:
             case Walk():
                 raise InvalidInput(f"course: expected one to save, got a walk over {self.name}")
-            case Problem():
+            case Problem() | Leap():
                 return ".json", json.dumps(self.course().to_json(), indent=1) + "\n"
             case LaidBetween():
                 asked = self.between

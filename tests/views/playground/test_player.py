@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,19 +11,24 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.formats.motion_file import read_motion
+from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
+from stancekit.planners.problem.leap_classes import leap_from_keys
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.explain import Relaxation, _change
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.views.playground.answers import Judge, quick_answer
+from stancekit.views.playground.answers import Session, patient_answer, quick_answer
 from stancekit.views.playground.page_parts import Player, explained, from_behind
 from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import served
 from tests.emulators.chromium import CHROMIUM, opened
 from tests.emulators.playground import middle_of, pixel_of
 from tests.refusals import assert_names, refuses
+
+PATIENCE_S = 600.0
+"""Of a test that hangs: no answer is late because the machine is busy."""
 
 
 class Handle(SimpleNamespace):
@@ -53,15 +57,24 @@ class Gui:
 
 @pytest.fixture
 def played():
-    gui, seen, moved = Gui(), [], threading.Semaphore(0)
+    gui, seen, due, moved = Gui(), [], threading.Semaphore(0), threading.Semaphore(0)
+
+    def pause(stop):  # a clock that goes when the test lets it
+        due.acquire()
+        return stop.is_set()
 
     def on_time():
         seen.append(player.at)
         moved.release()
         return player.at != 3.0  # as if nothing were to be seen then
 
-    player = Player(gui, "s", on_time, threading.RLock())
-    return gui, player, seen, moved
+    def tick():
+        due.release()
+        return moved.acquire(timeout=PATIENCE_S)
+
+    player = Player(gui, "s", on_time, threading.RLock(), pause)
+    yield gui, player, seen, tick
+    due.release()  # its thread ends
 
 
 def test_a_slider_shows_another_time_when_a_person_slides_it(played):
@@ -78,19 +91,19 @@ def test_a_slider_shows_another_time_when_a_person_slides_it(played):
 
 
 def test_it_plays_from_the_beginning_to_the_end_and_again_until_it_is_stopped(played):
-    gui, player, seen, moved = played
+    gui, player, seen, tick = played
     player.show(0.5, 0.5)
     gui.button.call(None)
     assert gui.button.label == "stop"
     for _ in range(11):
-        assert moved.acquire(timeout=20.0)
+        assert tick()
     gui.button.call(None)
     assert gui.button.label == "play"
     assert seen[:3] == pytest.approx([0.0, 1 / 15, 2 / 15])
     assert seen[8:10] == pytest.approx([0.5, 0.0])
+    assert len(seen) == 11
 
 
-PATIENCE_S = 120.0
 VERDICT = "document.querySelector('#verdict')"
 
 
@@ -116,47 +129,46 @@ def test_a_walk_takes_its_time_until_that_is_slid(scenario):
         scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).course()
 
 
+class Heard:
+    """What a session says, with events for what is waited for."""
+
+    def __init__(self):
+        self.said, self.begun, self.done = [], threading.Event(), threading.Event()
+
+    def __call__(self, number, scenario, answer, since):
+        self.said.append((number, answer))
+        if "iteration" in answer.message:
+            self.begun.set()
+        if answer.patient or "process" in answer.message:
+            self.done.set()
+
+
 def test_only_the_last_walk_that_is_asked_for_is_answered(scenario):
-    answers, done = [], threading.Event()
-
-    def on_answer(number, answer):
-        answers.append((number, answer))
-        if answer.patient:
-            done.set()
-
-    judge = Judge(on_answer)
-    judge.ask(1, scenario.dragged("goal", np.array([1.2, 0.4, 0.0])))
-    judge.drop(ends=True)
-    judge.ask(2, scenario)
-    assert done.wait(PATIENCE_S)
-    judge.close()
-    assert {number for number, answer in answers if answer.patient} == {2}
-    found = answers[-1][1]
+    heard = Heard()
+    session = Session(scenario.dragged("goal", np.array([1.2, 0.4, 0.0])), heard, rest_s=0.0)
+    session.start()
+    assert heard.begun.wait(PATIENCE_S)
+    session.change(lambda _: scenario)
+    assert heard.done.wait(PATIENCE_S)
+    session.close()
+    assert {number for number, answer in heard.said if answer.patient} == {1}
+    found = heard.said[-1][1]
     assert found.accepted
     assert check_trajectory(found.plan).accepted
     assert found.plan.torso_m[-1, :2] == pytest.approx([0.5, 0.1], abs=1e-3)
+    assert not [answer for _, answer in heard.said if "process" in answer.message]
 
 
-def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario):
-    answers, told = [], threading.Event()
-
-    def on_answer(number, answer):
-        answers.append((number, answer))
-        if "process" in answer.message:
-            told.set()
-
-    judge = Judge(on_answer)
-    judge.ask(1, scenario)
-    judge.drop(ends=True)
-    judge.ask(2, scenario)
-    while judge._process is None:
-        time.sleep(0.01)
-    judge._process.kill()  # not all that there are: another test's workers may live in this process, too
-    assert told.wait(PATIENCE_S)
-    judge.close()
-    assert {number for number, _ in answers} == {2}
-    assert not answers[-1][1].accepted
-    assert_names(answers[-1][1].message, "process")
+def test_a_planning_that_is_killed_is_told(scenario):
+    heard = Heard()
+    session = Session(scenario, heard, rest_s=0.0)
+    session.start()
+    assert heard.begun.wait(PATIENCE_S)
+    session._judge._process.kill()  # not all that there are: another test's workers may live here
+    assert heard.done.wait(PATIENCE_S)
+    session.close()
+    assert not heard.said[-1][1].accepted
+    assert_names(heard.said[-1][1].message, "process")
 
 
 @pytest.mark.skipif(
@@ -174,13 +186,8 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         east = np.array([1.0, 0.0, 0.0])
         tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
         tab.wait_for(f"{VERDICT}.dataset.change > 0")
-        until = time.monotonic() + PATIENCE_S
         session = page.playground.session
-        while session._judged != session.number or not page.playground._answer.patient:
-            assert time.monotonic() < until, (
-                page.playground._answer
-            )  # the last of the drag's changes
-            time.sleep(0.05)
+        tab.until(lambda: session._judged == session.number and page.playground._answer.patient)
         tab.wait_for(
             f"{VERDICT}.dataset.change === '{page.playground.session.number}' && {VERDICT}.dataset.patient === '1'"
         )
@@ -341,6 +348,24 @@ def test_another_robot_stands_as_it_does(tmp_path):
         scenario.with_robot(str(model))
     again = replace(scenario, keys={**scenario.keys, "robot": "hexapod"}).with_robot("hexapod")
     assert course_difference(again.course(), scenario.course()) == ""
+
+
+def test_a_leap_is_dragged_and_judged(tmp_path):
+    leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
+    scenario = Scenario.about(leap)
+    assert [grip.key for grip in scenario.grips(leap)] == ["goal"]
+    goal = leap.goal.com_m + np.array([0.02, 0.0, 0.0])
+    answer = patient_answer(scenario.dragged("goal", goal).slid("friction", 1.5))
+    assert answer.accepted
+    assert np.linalg.norm(answer.plan.com_m[-1] - goal) <= leap.goal_radius_m + 1e-6
+    assert answer.plan.problem.footholds[0].candidates[0].friction == pytest.approx(
+        1.5 * leap.footholds[0].candidates[0].friction
+    )
+    suffix, text = scenario.text()
+    (tmp_path / f"again{suffix}").write_text(text, encoding="utf-8")
+    assert read_leap(tmp_path / f"again{suffix}", None).to_json() == leap.to_json()
+    slippery = quick_answer(scenario.slid("friction", 0.0))
+    assert (slippery.accepted, slippery.course.name) == (False, leap.name)
 
 
 def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path):
