@@ -438,11 +438,9 @@ def by_playground(ground: Ground, robot: str | None, folder: Path) -> Row:
     footholds = written(ground, robot, folder)
     if isinstance(footholds, dict):
         return footholds
-    name = robot or "hexapod"
-    question = laid_between(footholds, ground.start, ground.goal, robot=name)
-    scenario = Scenario.about(question, name)
+    question = laid_between(footholds, ground.start, ground.goal, robot=robot or "hexapod")
     begin = time.process_time()
-    answer = patient_answer(scenario)
+    answer = patient_answer(Scenario.about(question))
     status = "refused" if answer.status is None else answer.status.value
     row = {"status": status, "message": answer.message}
     if answer.accepted:

@@ -23,13 +23,13 @@ import numpy as np
 
 import stancekit
 from stancekit.cli.main import parse, run
+from stancekit.cli.play import Play
 from stancekit.cli.solve import Between
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import read_evidence
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.course_between import LaidBetween
 from stancekit.planners.problem.posture_batch import PostureBatch
 from stancekit.planners.projection.held import PRESSES
 from stancekit.planners.projection.whole_body import WholeBodyLimits
@@ -39,7 +39,6 @@ from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
 from stancekit.views.playground.answers import patient_answer
-from stancekit.views.playground.scenario import Scenario
 from tests.planners.robot.small_urdfs import quadruped
 
 WALKS = stancekit.PlanSettings(leaps=False)
@@ -257,14 +256,9 @@ def by_command(question: Question, folder: Path) -> Reply:
 
 def by_playground(question: Question, folder: Path) -> Reply:
     """The playground, once nothing is changed."""
-    file, robot = str(question.file(folder)), question.robot(folder) or "hexapod"
-    scenario = Scenario.of(file) if not question.boxes else None
-    if scenario is None:
-        terrain, who = Between().terrain(file), stancekit.robot(robot)
-        places = {f"{at}_m": at_m for at, at_m in PLACES.items()}
-        between = LaidBetween(terrain=terrain, robot=who, frames=None, **places)
-        scenario = Scenario.about(between, robot)
-    answer = patient_answer(scenario)
+    places = {at: f"{x},{y}" for at, (x, y) in PLACES.items()} if question.boxes else {}
+    door = Play(course=str(question.file(folder)), between=Between(**places))
+    answer = patient_answer(door._scenario(question.robot(folder) if places else None))
     plan = answer.plan if answer.accepted else None
     proved = answer.status is Status.INFEASIBLE and answer.course is not None
     return Reply(

@@ -33,8 +33,7 @@ def test_it_serves_on_this_machine_and_ends_with_ctrl_c():
         stderr=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's "&" ignores it
     )
-    line = served.stdout.readline()
-    address, rest = line.split(" ", 1)
+    address, rest = served.stdout.readline().split(" ", 1)
     assert rest == "shows walls; Ctrl-C ends\n"
     assert address.startswith("http://127.0.0.1:")
     with urlopen(address) as answer:

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.motion.path import path_of
 from stancekit.planners.problem.course_file import read_course
@@ -36,13 +35,11 @@ from stancekit.views.playground.playground import Pictures, save_course, save_pl
 from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP
-from tests.emulators.chromium import CHROMIUM, opened
+from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 from tests.emulators.playground import middle_of, pixel_of
 from tests.refusals import refuses
 
 SIZE_PX = (1400, 900)
-PATIENCE_S = 600.0
-"""Of a test that hangs: no answer is late because the machine is busy."""
 VERDICT = "document.querySelector('#verdict')"
 
 
@@ -52,18 +49,12 @@ def change_of(tab):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    """Where the playground saves."""
-    return tmp_path_factory.mktemp("playground")
-
-
-@pytest.fixture(scope="module")
-def opened_once(folder, tmp_path_factory):
+def opened_once(tmp_path_factory):
     """A playground, and the tab that shows it."""
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
     with (
-        served(Scenario.of("walls"), folder=folder) as page,
+        served(Scenario.of("walls"), folder=tmp_path_factory.mktemp("playground")) as page,
         opened(page.address, tmp_path_factory.mktemp("profile"), SIZE_PX, draws=False) as tab,
     ):
         tab.wait_for(f"{VERDICT} !== null")
@@ -79,7 +70,7 @@ def shown(opened_once):
     return page, tab
 
 
-def test_it_is_opened_dragged_and_read(shown, folder):
+def test_it_is_opened_dragged_and_read(shown):
     page, tab = shown
     tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
     text = tab.text()
@@ -112,8 +103,8 @@ def test_it_is_opened_dragged_and_read(shown, folder):
             )
         )
         tab.wait_for(f"document.querySelector('#saved')?.innerText.includes('{words.split()[1]}.')")
-    assert check_file(folder / "played-plan.json").accepted
-    again = read_course(folder / "played-course.yaml")
+    assert check_file(page.playground._folder / "played-plan.json").accepted
+    again = read_course(page.playground._folder / "played-course.yaml")
     assert again.goal_m == pytest.approx(scenario.course().goal_m, abs=1e-9)
 
 
@@ -366,6 +357,18 @@ def test_messages_of_a_browser_fit():
         assert not misfit(rubbish)  # viser ends such a connection itself
 
 
+def called(monkeypatch, thing, name):
+    """An event that is set once a method was called."""
+    happened, method = threading.Event(), getattr(thing, name)
+
+    def call(*arguments):
+        method(*arguments)
+        happened.set()
+
+    monkeypatch.setattr(thing, name, call)
+    return happened
+
+
 WRONG = {
     "a camera without height": lambda page: camera(position=[1.0, 2.0]),
     "not a number": lambda page: drag([math.nan, 0.0, 0.0]),
@@ -396,14 +399,7 @@ WRONG = {
 def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(
     page, name, caplog, capfd, monkeypatch
 ):
-    before, heard, emit = page.playground.session.number, threading.Event(), caplog.handler.emit
-
-    def said_aloud(record):
-        emit(record)
-        if record.name.endswith("serving"):
-            heard.set()
-
-    monkeypatch.setattr(caplog.handler, "emit", said_aloud)
+    before, heard = page.playground.session.number, called(monkeypatch, caplog.handler, "emit")
     with (
         caplog.at_level(logging.WARNING),
         warnings.catch_warnings(record=True) as warned,
@@ -423,14 +419,8 @@ def test_a_value_that_makes_no_sense_is_one_line_and_changes_nothing(
 
 @pytest.mark.parametrize("raw", [b"\xc1\xff\xff", "words", b"", b"\x00" * 4096])
 def test_rubbish_ends_its_own_connection_and_no_other(page, raw, capfd, monkeypatch):
-    session, changed = page.playground.session, threading.Event()
-    before, edit = session.number, session.change
-
-    def change(*edits):
-        edit(*edits)
-        changed.set()
-
-    monkeypatch.setattr(session, "change", change)
+    session = page.playground.session
+    before, changed = session.number, called(monkeypatch, session, "change")
     with joined(page) as other:
         with joined(page) as line:
             line.send(raw)
@@ -500,11 +490,8 @@ def test_a_slow_edit_keeps_what_others_changed_meanwhile():
 def test_an_edit_that_is_refused_changes_nothing():
     pictures = Session(Scenario.of("walls"), lambda *_: None, judges=False)
 
-    def edit(scenario):
-        raise InvalidInput("no")
-
-    with pytest.raises(InvalidInput):
-        pictures.change(edit)
+    with refuses("robot"):
+        pictures.change(lambda scenario: scenario.with_robot("horse"))
     assert pictures.number == 0
     pictures.close()
 

@@ -23,12 +23,9 @@ from stancekit.views.playground.answers import Session, patient_answer, quick_an
 from stancekit.views.playground.page_parts import Player, explained, from_behind
 from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import served
-from tests.emulators.chromium import CHROMIUM, opened
+from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 from tests.emulators.playground import middle_of, pixel_of
 from tests.refusals import assert_names, refuses
-
-PATIENCE_S = 600.0
-"""Of a test that hangs: no answer is late because the machine is busy."""
 
 
 class Handle(SimpleNamespace):
@@ -129,46 +126,44 @@ def test_a_walk_takes_its_time_until_that_is_slid(scenario):
         scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).course()
 
 
-class Heard:
-    """What a session says, with events for what is waited for."""
+@pytest.fixture
+def planning(scenario):
+    """A session that plans a walk, what it says, and whether there is an end of it."""
+    said, begun, done = [], threading.Event(), threading.Event()
 
-    def __init__(self):
-        self.said, self.begun, self.done = [], threading.Event(), threading.Event()
-
-    def __call__(self, number, scenario, answer, since):
-        self.said.append((number, answer))
+    def on_answer(number, _scenario, answer, _since):
+        said.append((number, answer))
         if "iteration" in answer.message:
-            self.begun.set()
+            begun.set()
         if answer.patient or "process" in answer.message:
-            self.done.set()
+            done.set()
 
-
-def test_only_the_last_walk_that_is_asked_for_is_answered(scenario):
-    heard = Heard()
-    session = Session(scenario.dragged("goal", np.array([1.2, 0.4, 0.0])), heard, rest_s=0.0)
+    session = Session(scenario, on_answer, rest_s=0.0)
     session.start()
-    assert heard.begun.wait(PATIENCE_S)
-    session.change(lambda _: scenario)
-    assert heard.done.wait(PATIENCE_S)
+    assert begun.wait(PATIENCE_S)
+    yield session, said, done
     session.close()
-    assert {number for number, answer in heard.said if answer.patient} == {1}
-    found = heard.said[-1][1]
+
+
+def test_only_the_last_walk_that_is_asked_for_is_answered(planning):
+    session, said, done = planning
+    session.change(lambda scenario: scenario.dragged("goal", np.array([0.45, 0.1, 0.0])))
+    assert done.wait(PATIENCE_S)
+    assert {number for number, answer in said if answer.patient} == {1}
+    found = said[-1][1]
     assert found.accepted
     assert check_trajectory(found.plan).accepted
-    assert found.plan.torso_m[-1, :2] == pytest.approx([0.5, 0.1], abs=1e-3)
-    assert not [answer for _, answer in heard.said if "process" in answer.message]
+    assert found.plan.torso_m[-1, :2] == pytest.approx([0.45, 0.1], abs=1e-3)
+    assert not [answer for _, answer in said if "process" in answer.message]
 
 
-def test_a_planning_that_is_killed_is_told(scenario):
-    heard = Heard()
-    session = Session(scenario, heard, rest_s=0.0)
-    session.start()
-    assert heard.begun.wait(PATIENCE_S)
+def test_a_planning_that_is_killed_is_told(planning):
+    session, said, done = planning
     session._judge._process.kill()  # not all that there are: another test's workers may live here
-    assert heard.done.wait(PATIENCE_S)
-    session.close()
-    assert not heard.said[-1][1].accepted
-    assert_names(heard.said[-1][1].message, "process")
+    assert done.wait(PATIENCE_S)
+    assert {number for number, _ in said} == {0}
+    assert not said[-1][1].accepted
+    assert_names(said[-1][1].message, "process")
 
 
 @pytest.mark.skipif(
@@ -207,8 +202,9 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():
-    said = explained(["LF", "RM", "LH", "FL_foot"])
-    assert said.startswith("LF left front, RM right middle, LH left hind, as the robot looks. ")
+    assert explained(["LF", "RM", "LH", "FL_foot"]).startswith(
+        "LF left front, RM right middle, LH left hind, as the robot looks. "
+    )
     assert explained(["arm"]).startswith("Cone: ")
 
 
@@ -245,10 +241,6 @@ def read_again(scenario, folder):
     return read_course(folder / f"again{suffix}")
 
 
-def slider(scenario, key):
-    return next(each for each in scenario.sliders() if each.key == key)
-
-
 @pytest.mark.parametrize("name", [*builtin_courses(), "stones:0.3:1"])
 def test_a_scene_that_nobody_changed_is_the_course_and_so_is_its_file(name, tmp_path):
     scenario = Scenario.of(name)
@@ -267,8 +259,7 @@ def test_a_goal_that_is_dragged_is_where_the_way_ends_and_frames_follow(name, tm
     way = np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1)
     assert way.max() <= scenario.stride_m + 1e-9
     assert course.frames > before.frames
-    slid = after.slid("frames", 5).dragged("goal", before.goal_m)
-    assert slid.course().frames == 5
+    assert after.slid("frames", 5).dragged("goal", before.goal_m).course().frames == 5
     assert course_difference(read_again(after, tmp_path), course) == ""
 
 
@@ -278,8 +269,7 @@ def test_walls_move_by_their_grips_and_sliders():
     assert left.position_m[1] == pytest.approx(0.38)
     assert left.axes == (False, True, False)
     moved = scenario.dragged("left wall", left.position_m + np.array([0.0, 0.03, 0.0]))
-    planes = [patch.centre_m[1] for patch in moved.course().terrain]
-    assert planes == pytest.approx([0.41, -0.38])
+    assert [p.centre_m[1] for p in moved.course().terrain] == pytest.approx([0.41, -0.38])
     assert [p.centre_m[1] for p in moved.slid("apart_m", 0.35).course().terrain] == pytest.approx(
         [0.38, -0.35]
     )
@@ -305,8 +295,9 @@ def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
     light, heavy = quick_answer(Scenario.of("walls")), quick_answer(scenario)
     assert heavy.plan.problem.weight_n == pytest.approx(2.0 * light.plan.problem.weight_n)
     assert check_plan(heavy.plan).accepted
-    carried = heavy.plan.forces_n.sum(axis=1)
-    assert carried == pytest.approx(np.tile([0.0, 0.0, 20.0 * 9.81], (len(carried), 1)), abs=1e-3)
+    np.testing.assert_allclose(
+        heavy.plan.forces_n.sum(axis=1) - [0.0, 0.0, 20.0 * 9.81], 0.0, atol=1e-3
+    )
 
 
 def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
@@ -343,29 +334,24 @@ def test_what_makes_no_sense_is_one_sentence(change, name):
 
 def test_another_robot_stands_as_it_does(tmp_path):
     scenario = Scenario.of("stairs", frames=3)
-    model = tmp_path / "robot.yaml"
     with refuses("robot"):
-        scenario.with_robot(str(model))
+        scenario.with_robot(str(tmp_path / "robot.yaml"))
     again = replace(scenario, keys={**scenario.keys, "robot": "hexapod"}).with_robot("hexapod")
     assert course_difference(again.course(), scenario.course()) == ""
 
 
 def test_a_leap_is_dragged_and_judged(tmp_path):
     leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
-    scenario = Scenario.about(leap)
+    scenario, goal = Scenario.about(leap), leap.goal.com_m + np.array([0.02, 0.0, 0.0])
     assert [grip.key for grip in scenario.grips(leap)] == ["goal"]
-    goal = leap.goal.com_m + np.array([0.02, 0.0, 0.0])
+    (tmp_path / "again.json").write_text(scenario.text()[1], encoding="utf-8")
+    assert read_leap(tmp_path / "again.json", None).to_json() == leap.to_json()
     answer = patient_answer(scenario.dragged("goal", goal).slid("friction", 1.5))
     assert answer.accepted
     assert np.linalg.norm(answer.plan.com_m[-1] - goal) <= leap.goal_radius_m + 1e-6
-    assert answer.plan.problem.footholds[0].candidates[0].friction == pytest.approx(
-        1.5 * leap.footholds[0].candidates[0].friction
-    )
-    suffix, text = scenario.text()
-    (tmp_path / f"again{suffix}").write_text(text, encoding="utf-8")
-    assert read_leap(tmp_path / f"again{suffix}", None).to_json() == leap.to_json()
-    slippery = quick_answer(scenario.slid("friction", 0.0))
-    assert (slippery.accepted, slippery.course.name) == (False, leap.name)
+    frictions = [each.footholds[0].candidates[0].friction for each in (leap, answer.plan.problem)]
+    assert frictions[1] == pytest.approx(1.5 * frictions[0])
+    assert not quick_answer(scenario.slid("friction", 0.0)).accepted
 
 
 def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path):
