@@ -1,4 +1,4 @@
-"""``stancekit play``: a course on a page, dragged and planned anew."""
+"""``stancekit play``: a question on a page, dragged and planned anew."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ if TYPE_CHECKING:
 
 @dataclass
 class Play:
-    """Play with a course or a walk on a page: drag goal and walls, slide friction and mass, and see
-    the plan.
+    """Play with a course, a walk or a leap on a page: drag goal and walls, slide friction and mass,
+    and see the plan.
 
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), FAMILY:LEVEL:SEED, a
-    YAML or JSON file, or with --start and --goal a terrain's file, as for
-    `stancekit plan`.
+    YAML or JSON file, a leap (leap-stones:3 or a file), or with --start and --goal a terrain's
+    file, as for `stancekit plan`.
 
       stancekit play walls
       stancekit play my-course.yaml --robot hexapod,go1.urdf
       stancekit play rubble.stl --start 0,0 --goal 2,0.5
       stancekit play ripple
+      stancekit play leap-stones:3
 
     A terrain of `stancekit gait` (ripple, cone, rough:0.3:7, …) is one to walk over: start and goal
     are dragged, and the walk is planned beside the page, in seconds to minutes, which says how far
@@ -45,8 +46,8 @@ class Play:
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
-    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, the proof of a course, a terrain's file,
-    or a terrain to walk over."""
+    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, the proof of a course, a leap, a
+    terrain's file, or a terrain to walk over."""
     walk: bool = False
     """Walk over it, as `stancekit gait`."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME[,FILE|NAME…]")] = None

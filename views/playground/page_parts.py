@@ -464,9 +464,9 @@ def _words(answer: SceneAnswer) -> tuple[str, str, str]:
     if answer.accepted:
         assert answer.report is not None
         word = acceptance_word(answer.report.unchecked)
-        text = answer.message.removeprefix(word).lstrip(":; ")
+        text = (answer.message or answer.report.message).removeprefix(word).lstrip(":; ")
         if isinstance(answer.plan, Plan):
-            text = " ".join(filter(None, (_accepted(answer.report), text)))
+            text = " ".join(filter(None, (_accepted(answer.report), answer.message)))
         return GOOD, word.partition(":")[0].capitalize(), text
     if answer.plan is not None and not answer.patient:
         return (

@@ -457,6 +457,7 @@ class Scenario:
             )
         way = f"{sets} {alternative.message}"
         if way not in self._laid:
+            course: Problem | Leap
             if isinstance(given, LaidBetween):
                 course = self.between(sets, alternative)
             elif given is not None:
