@@ -21,6 +21,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.motion.plan_motion import key_sample, plan_motion, reached_s
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.passage import Passage
@@ -122,6 +123,11 @@ class View(ABC):
 
     @property
     @abstractmethod
+    def camera(self) -> Camera:
+        """Where it is seen from."""
+
+    @property
+    @abstractmethod
     def way(self) -> Scene:
         """The way of the motion over its terrain."""
 
@@ -171,10 +177,7 @@ class View(ABC):
         """Legs that are drawn up for limbs; None where there are none, or pinocchio is not
         installed.
         """
-        try:
-            return Kinematics(self.robot)
-        except InvalidInput:
-            return None
+        return solver_of(self.robot)
 
     def pose(self, now: Samples) -> tuple[Array, Array]:
         """Pose in which the body is drawn, p_WB and R_WB: where its link is, or else at the centre
@@ -211,6 +214,14 @@ class View(ABC):
             )
             for k in np.flatnonzero(loaded).tolist()
         ]
+
+
+def solver_of(robot: Robot, gravity_m_s2: float = GRAVITY_M_S2) -> Kinematics | None:
+    """The legs of a robot; None where they are not known, or pinocchio is not installed."""
+    try:
+        return Kinematics(robot, gravity_m_s2=gravity_m_s2)
+    except InvalidInput:
+        return None
 
 
 def outline(patch: Patch, colour: Colour, opacity: float = 1.0, width: float = 1.4) -> Path:

@@ -22,7 +22,6 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.problem import Problem
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotation_of
@@ -426,16 +425,6 @@ def _torques(
     share = torque / solver.torque_nm
     worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]
     return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]
-
-
-def solver_of(course: Problem) -> Kinematics | None:
-    """The legs of a course's robot; None where they are not known, or pinocchio is not
-    installed.
-    """
-    try:
-        return Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-    except InvalidInput:
-        return None
 
 
 def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:

@@ -30,7 +30,7 @@ from stancekit.planners.robot.model import Robot
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..leaps import LeapView
 from ..page import Stage
-from ..plans import PlanView, View, asked, ghosts, offered, way_of
+from ..plans import PlanView, View, asked, ghosts, offered, solver_of, way_of
 from ..robots import RobotShape, climber
 from ..scene import DrawnBody, Path as Line, Scene, Sphere
 from ..sheet import GOAL, INK, friction_colours
@@ -54,7 +54,6 @@ from .page_parts import (
     limb_table,
     loads,
     named_in,
-    solver_of,
     summary,
     verdict,
 )
@@ -176,7 +175,7 @@ class Pictures:
         """The solver for the robot, made once."""
         robot = course.robot
         key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
-        return self._kept("solver", key, lambda: solver_of(course))  # type: ignore[no-any-return]
+        return self._kept("solver", key, lambda: solver_of(robot, course.gravity_m_s2))  # type: ignore[no-any-return]
 
 
 def _between(scene: Scene) -> Scene:

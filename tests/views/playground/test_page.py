@@ -20,7 +20,7 @@ from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.motion.path import path_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStage
-from stancekit.views.plans import PlanView
+from stancekit.views.plans import PlanView, solver_of
 from stancekit.views.playground import answers as session_module
 from stancekit.views.playground.answers import SceneAnswer, Session, patient_answer, quick_answer
 from stancekit.views.playground.page_parts import (
@@ -28,7 +28,6 @@ from stancekit.views.playground.page_parts import (
     limb_table,
     loads,
     margins,
-    solver_of,
     verdict,
 )
 from stancekit.views.playground.playground import Pictures, save_course, save_plan, struck
@@ -533,7 +532,7 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
     plan = answer.plan
     now = key_sample(path_of(plan), 2)
     view = PlanView(plan)
-    rows = loads(view, now, solver_of(plan.problem), view.near_rad(now))
+    rows = loads(view, now, solver_of(plan.robot), view.near_rad(now))
     assert [row.force_n for row in rows] == pytest.approx(np.linalg.norm(plan.forces_at(2), axis=1))
     share, frame, limb = margins(plan)
     assert 0.0 < share <= 0.8 + 1e-6  # it is planned with 80 % of the friction
