@@ -235,11 +235,8 @@ class Scenario:
                 keys["terrain"] = {"friction": given.terrain.friction}
                 keys |= {"name": Path(given.terrain.file).stem, "frames": given.frames}
                 keys |= {"start_m": given.start_m, "goal_m": given.goal_m}
-            case Problem():
-                keys |= {"name": given.name, "goal_m": given.goal_m}
-                return cls(keys=keys, given=given, own_kg=given.robot.mass_kg)
-            case Leap():
-                keys |= {"name": given.name, "goal_m": given.goal.com_m}
+            case Problem() | Leap():
+                keys |= {"name": given.name, "goal_m": way_of(given)[-1]}
                 return cls(keys=keys, given=given, own_kg=given.robot.mass_kg)
             case Walk():
                 keys["terrain"] = {"friction": given.friction}
