@@ -106,7 +106,7 @@ class Play:
 
         Raises InvalidInput.
         """
-        from stancekit.planners.problem.walk import Walk
+        from stancekit import Walk
         from stancekit.views.playground.scenario import Scenario
 
         start, goal = (
@@ -126,11 +126,10 @@ class Play:
 
         Raises InvalidInput.
         """
-        from stancekit import Problem, load
+        from stancekit import Problem, load, robot as robot_of
         from stancekit.planners.formats.question_file import read_leap
         from stancekit.planners.problem.course_between import LaidBetween
         from stancekit.planners.problem.leap import is_leap_file
-        from stancekit.planners.robot.robot_file import robot_of
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.scenario import Scenario
 

@@ -32,13 +32,13 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1359, 16743),
-    "cli": (3327, 39417),
+    "cli": (3331, 39454),
     "configs": (3, 30),
     "envs": (3129, 42896),
     "learners": (5262, 77750),
     "planners": (35273, 580098),
     "runner": (6632, 90891),
-    "views": (4311, 69522),
+    "views": (4300, 68844),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
