@@ -45,7 +45,7 @@ import stancekit
 from stancekit.envs.traverse import TraverseEnv
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.course_terrain import FileTerrain
+from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.projection.held import PRESSES
 from stancekit.planners.robot.robot_file import as_they_come, provider_folder, robot_of
 from stancekit.planners.search.answer import objective_of
@@ -54,7 +54,7 @@ from stancekit.planners.search.plan_course import replan
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.patch import Frame
 from stancekit.views.playground.answers import patient_answer
-from stancekit.views.playground.scenario import BetweenScenario
+from stancekit.views.playground.scenario import Scenario
 
 HALF_M = 1.2
 """Half of a ground's width across the way [m]."""
@@ -438,14 +438,9 @@ def by_playground(ground: Ground, robot: str | None, folder: Path) -> Row:
     footholds = written(ground, robot, folder)
     if isinstance(footholds, dict):
         return footholds
-    scenario = BetweenScenario(
-        terrain=FileTerrain.of(footholds),
-        start_m=ground.start,
-        goal_m=ground.goal,
-        robot=robot or "hexapod",
-    )
+    question = laid_between(footholds, ground.start, ground.goal, robot=robot or "hexapod")
     begin = time.process_time()
-    answer = patient_answer(scenario)
+    answer = patient_answer(Scenario.about(question))
     status = "refused" if answer.status is None else answer.status.value
     row = {"status": status, "message": answer.message}
     if answer.accepted:

@@ -28,7 +28,7 @@ from _bench import Options, Row, launch, markdown
 
 from stancekit.views.playground.answers import quick_answer
 from stancekit.views.playground.playground import Playground
-from stancekit.views.playground.scenario import KeysScenario
+from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import served
 from stancekit.views.scene import UP
 
@@ -78,7 +78,7 @@ def main(options: Playing) -> None:
     from tests.emulators.chromium import CHROMIUM
 
     for course in options.courses:
-        scenario = KeysScenario.of(course, options.robot or None)
+        scenario = Scenario.of(course, options.robot or None)
         if options.picture is not None:
             with (
                 tempfile.TemporaryDirectory() as folder,

@@ -1,11 +1,11 @@
-"""``stancekit play``: a course on a page, dragged and planned anew."""
+"""``stancekit play``: a question on a page, dragged and planned anew."""
 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -16,22 +16,23 @@ from .options import OptionalInt, OptionalText, place
 from .solve import Between
 
 if TYPE_CHECKING:
-    from stancekit.views.playground.scenario import Scenario, WalkScenario
+    from stancekit.views.playground.scenario import Scenario
 
 
 @dataclass
 class Play:
-    """Play with a course or a walk on a page: drag goal and walls, slide friction and mass, and see
-    the plan.
+    """Play with a course, a walk or a leap on a page: drag goal and walls, slide friction and mass,
+    and see the plan.
 
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), FAMILY:LEVEL:SEED, a
-    YAML or JSON file, or with --start and --goal a terrain's file, as for
-    `stancekit plan`.
+    YAML or JSON file, a leap (leap-stones:3 or a file), or with --start and --goal a terrain's
+    file, as for `stancekit plan`.
 
       stancekit play walls
       stancekit play my-course.yaml --robot hexapod,go1.urdf
       stancekit play rubble.stl --start 0,0 --goal 2,0.5
       stancekit play ripple
+      stancekit play leap-stones:3
 
     A terrain of `stancekit gait` (ripple, cone, rough:0.3:7, …) is one to walk over: start and goal
     are dragged, and the walk is planned beside the page, in seconds to minutes, which says how far
@@ -45,8 +46,8 @@ class Play:
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
-    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, the proof of a course, a terrain's file,
-    or a terrain to walk over."""
+    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, the proof of a course, a leap, a
+    terrain's file, or a terrain to walk over."""
     walk: bool = False
     """Walk over it, as `stancekit gait`."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME[,FILE|NAME…]")] = None
@@ -100,50 +101,60 @@ class Play:
             and drawn_surface(*read_draw(self.course, "course")) is None
         )
 
-    def _walk(self, robot: str) -> WalkScenario:
+    def _walk(self, robot: str) -> Scenario:
         """Scenario that a page of walks begins with.
 
         Raises InvalidInput.
         """
-        from stancekit.views.playground.scenario import WalkScenario
+        from stancekit import Walk
+        from stancekit.views.playground.scenario import Scenario
 
-        arguments: dict[str, Any] = {}
-        for key, value in (("start", self.between.start), ("goal", self.between.goal)):
-            if value is not None:
-                x, y = place(value, f"--{key}").tolist()
-                arguments[f"{key}_m"] = (x, y)
-        if self.between.friction is not None:
-            arguments["friction"] = self.between.friction
-        return WalkScenario.of(self.between.file.read(self.course), robot, **arguments)
+        start, goal = (
+            usual if asked is None else place(asked, f"--{key}").tolist()
+            for key, asked, usual in (
+                ("start", self.between.start, (0.0, 0.0)),
+                ("goal", self.between.goal, (1.0, 0.5)),
+            )
+        )
+        walk = Walk.over(self.between.file.read(self.course), goal, start=start, robot=robot)
+        friction = self.between.friction
+        asked = walk if friction is None else replace(walk, friction=friction)
+        return Scenario.about(asked, robot)
 
     def _scenario(self, robot: str | None) -> Scenario:
         """Scenario that the page begins with.
 
         Raises InvalidInput.
         """
-        from stancekit import Problem, load
+        from stancekit import Problem, load, robot as robot_of
+        from stancekit.planners.formats.question_file import read_leap
+        from stancekit.planners.problem.course_between import LaidBetween
+        from stancekit.planners.problem.leap import is_leap_file
         from stancekit.planners.terrain.import_options import SUFFIXES
-        from stancekit.views.playground.scenario import BetweenScenario, FixedScenario, KeysScenario
+        from stancekit.views.playground.scenario import Scenario
 
+        if is_leap_file(self.course):
+            return Scenario.about(read_leap(self.course, robot))
         suffix = Path(self.course).suffix.lower()
         if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:
-            (x, y), (x_goal, y_goal) = (each.tolist() for each in self.between.places())
-            terrain = self.between.terrain(self.course)
-            return BetweenScenario(
-                terrain=terrain,
-                start_m=(x, y),
-                goal_m=(x_goal, y_goal),
-                robot=robot or "hexapod",
+            start, goal = (tuple(each.tolist()) for each in self.between.places())
+            name = robot or "hexapod"
+            question = LaidBetween(
+                terrain=self.between.terrain(self.course),
+                start_m=start,
+                goal_m=goal,
+                robot=robot_of(name),
                 frames=self.frames,
             )
+            return Scenario.about(question, name)
         if suffix == ".json":
             with suppress(InvalidInput):  # what is no proof is read as a course
                 proof = getattr(load(self.course), "refuted", None)
                 if isinstance(proof, Problem):
-                    return FixedScenario(laid=proof)
+                    return Scenario.about(proof)
         if suffix in SUFFIXES or suffix == ".json" or self.between != Between():
-            return FixedScenario(laid=self.between.course(self.course, self.frames, robot))
-        return KeysScenario.of(self.course, robot, self.frames)
+            return Scenario.about(self.between.course(self.course, self.frames, robot))
+        return Scenario.of(self.course, robot, self.frames)
 
     def _check(self) -> None:
         from stancekit.planners.files.arrays import checked_int

@@ -24,6 +24,7 @@ import numpy as np
 import stancekit
 from stancekit import Answer, Motion, Status
 from stancekit.cli.main import parse, run
+from stancekit.cli.play import Play
 from stancekit.cli.solve import Between
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import read_evidence
@@ -37,7 +38,6 @@ from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.friction_margin import SHARES
 from stancekit.planners.search.plan_course import replan
 from stancekit.views.playground.answers import patient_answer
-from stancekit.views.playground.scenario import BetweenScenario, KeysScenario
 from tests.planners.robot.small_urdfs import quadruped
 
 WALKS = stancekit.PlanSettings(leaps=False)
@@ -255,13 +255,9 @@ def by_command(question: Question, folder: Path) -> Reply:
 
 def by_playground(question: Question, folder: Path) -> Reply:
     """The playground, once nothing is changed."""
-    file, places = str(question.file(folder)), {f"{at}_m": at_m for at, at_m in PLACES.items()}
-    robot, terrain = question.robot(folder) or "hexapod", Between().terrain(file)
-    answer = patient_answer(
-        BetweenScenario(terrain=terrain, robot=robot, **places)
-        if question.boxes
-        else KeysScenario.of(file)
-    )
+    places = {at: f"{x},{y}" for at, (x, y) in PLACES.items()} if question.boxes else {}
+    door = Play(course=str(question.file(folder)), between=Between(**places))
+    answer = patient_answer(door._scenario(question.robot(folder) if places else None))
     plan = answer.plan if answer.accepted else None
     proved = answer.status is Status.INFEASIBLE and answer.course is not None
     return Reply(

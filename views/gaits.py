@@ -265,22 +265,25 @@ class GaitView(View):
     def fixed(self) -> Scene:
         """Terrain, the lines on it, and the torso's path."""
         cell = float(np.max(self.bounds_m[1] - self.bounds_m[0])) / CELLS
+        lines = Path(pieces_m=self.lines(), colour=GRID, opacity=0.35, width=0.6, lift_m=0.8 * cell)
+        return Scene(sheets=self.ground, paths=[lines]) + self.way
+
+    @cached_property
+    def way(self) -> Scene:
+        """The torso's path, and the guide paths."""
         torso = self.trajectory.torso_m[:: max(1, self.trajectory.samples // 150)]
         lines = self.ways_m
         ways = [
             Path(pieces_m=dashes(line), colour=GUIDE, opacity=shown, width=1.2, lift_m=0.02)
             for line, shown in zip(lines, [*[0.35] * (len(lines) - 1), 0.9], strict=False)
         ]
-        return Scene(
-            sheets=self.ground,
-            paths=[
-                Path(
-                    pieces_m=self.lines(), colour=GRID, opacity=0.35, width=0.6, lift_m=0.8 * cell
-                ),
-                *ways,
-                Path(pieces_m=polyline(torso), colour=INK, width=2.0, lift_m=0.02),
-            ],
-        )
+        path = Path(pieces_m=polyline(torso), colour=INK, width=2.0, lift_m=0.02)
+        return Scene(paths=[*ways, path])
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the beginning to the end of the walk [s]."""
+        return self.trajectory.duration_s
 
     @property
     def ways_m(self) -> list[Array]:
@@ -379,6 +382,10 @@ class GaitView(View):
             sample = int(np.searchsorted(times_s, time_s + 1e-9, side="right")) - 1
             scene = self.drawn(self.now(time_s))
         return scene + Scene(bodies=[disc for k, disc in self.footholds if k <= sample])
+
+    def seen(self, at: float) -> tuple[Samples, Scene, str]:
+        """A moment so long after the walk began, what is drawn of it, and words for it."""
+        return self.now(at), self.moment(at), f"{at:.2f} s of {self.trajectory.duration_s:g} s"
 
     def drawn(self, now: Samples) -> Scene:
         """The robot and its contact forces at one time."""

@@ -22,7 +22,7 @@ from stancekit.planners.terrain.patch import contact_frames
 from stancekit.runner.motion.time_parametrization import streamed
 from stancekit.runner.report import Execution
 
-from .plans import FPS, LONGEST, MARGIN_M, View, aside, outline, window
+from .plans import FPS, LONGEST, MARGIN_M, View, aside, offered, outline, window
 from .robots import cone, cone_body
 from .scene import (
     Animation,
@@ -127,10 +127,7 @@ class LeapView(View):
     @cached_property
     def offered(self) -> list[Patch]:
         """Surfaces that are shown: the terrain, or every patch that a leap's toes were offered."""
-        if self.subject.has("parts"):
-            return list(self.subject.problem.terrain)
-        footholds = self.subject.problem.footholds
-        return list({id(p): p for foothold in footholds for p in foothold.candidates}.values())
+        return list(offered(self.subject.problem))
 
     @cached_property
     def chosen(self) -> list[tuple[int, Patch]]:
@@ -188,7 +185,12 @@ class LeapView(View):
 
     @cached_property
     def fixed(self) -> Scene:
-        """Surfaces, the chosen ones framed, the way of the centre of mass, and the goal."""
+        """Surfaces, and the way over them."""
+        return patches(self.offered, self.bounds_m, self.friction) + self.way
+
+    @cached_property
+    def way(self) -> Scene:
+        """The chosen surfaces framed, the way of the centre of mass, and the goal."""
         way = Path(
             pieces_m=polyline(self.path_m),
             colour=INK if self.execution is None else REAL,
@@ -207,9 +209,12 @@ class LeapView(View):
             lift_m=70.0,
         )
         outlines = [outline(patch, leg_colour(limb)) for limb, patch in self.chosen]
-        return patches(self.offered, self.bounds_m, self.friction) + Scene(
-            paths=[*outlines, way], bodies=[mark]
-        )
+        return Scene(paths=[*outlines, way], bodies=[mark])
+
+    def seen(self, at: float) -> tuple[Samples, Scene, str]:
+        """A moment, what is drawn of it, and words for it."""
+        now = self.motion.at(at)
+        return now, self.at(now), f"{at:.2f} s of {self.motion.duration_s:.2f} s"
 
     def at(self, now: Samples) -> Scene:
         """The robot at a time, and the forces of feet that stand in cones of their friction."""

@@ -21,7 +21,9 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.motion.plan_motion import key_sample, plan_motion, reached_s
+from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.passage import Passage
 from stancekit.planners.robot.inverse_kinematics import InverseKinematics, centres_of
 from stancekit.planners.robot.kinematics import Kinematics
@@ -75,6 +77,8 @@ from .terrain import ICE, ICE_EDGE, ICY, SCALE, Entry, patches, tint
 
 FPS = 20.0
 """Pictures per second of films."""
+_RESTS = 0.01
+"""A moment so near to a key frame is that key frame."""
 
 
 class View(ABC):
@@ -85,6 +89,11 @@ class View(ABC):
     """
 
     film_px: ClassVar[Size] = (854, 480)
+
+    @property
+    @abstractmethod
+    def motion(self) -> Played:
+        """The motion that is shown."""
 
     @property
     @abstractmethod
@@ -111,6 +120,25 @@ class View(ABC):
     def shape(self) -> RobotShape:
         """Shape of the robot."""
         return climber(self.robot)
+
+    @property
+    @abstractmethod
+    def camera(self) -> Camera:
+        """Where it is seen from."""
+
+    @property
+    @abstractmethod
+    def way(self) -> Scene:
+        """The way of the motion over its terrain."""
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the beginning to the end of what is shown [s]."""
+        return self.motion.duration_s
+
+    @abstractmethod
+    def seen(self, at: float) -> tuple[Samples, Scene, str]:
+        """A moment, by key frame or time [s], what is drawn of it, and words for it."""
 
     def near_rad(self, now: Samples) -> Array | None:
         """Angles that unknown joints are sought near, shape (J,) [rad]; None for anywhere."""
@@ -149,10 +177,7 @@ class View(ABC):
         """Legs that are drawn up for limbs; None where there are none, or pinocchio is not
         installed.
         """
-        try:
-            return Kinematics(self.robot)
-        except InvalidInput:
-            return None
+        return solver_of(self.robot)
 
     def pose(self, now: Samples) -> tuple[Array, Array]:
         """Pose in which the body is drawn, p_WB and R_WB: where its link is, or else at the centre
@@ -189,6 +214,14 @@ class View(ABC):
             )
             for k in np.flatnonzero(loaded).tolist()
         ]
+
+
+def solver_of(robot: Robot, gravity_m_s2: float = GRAVITY_M_S2) -> Kinematics | None:
+    """The legs of a robot; None where they are not known, or pinocchio is not installed."""
+    try:
+        return Kinematics(robot, gravity_m_s2=gravity_m_s2)
+    except InvalidInput:
+        return None
 
 
 def outline(patch: Patch, colour: Colour, opacity: float = 1.0, width: float = 1.4) -> Path:
@@ -398,6 +431,14 @@ class PlanView(View):
         key = self.plan.joints_rad
         return None if key is None else between(key, now.frame)
 
+    def seen(self, at: float) -> tuple[Samples, Scene, str]:
+        """A key frame or a moment between two, what is drawn of it, and words for it."""
+        frame, last = round(at), self.plan.problem.frames - 1
+        now, words = self.key(frame), f"key frame {frame} of {last}"
+        if abs(at - frame) >= _RESTS:
+            now, words = self.between_keys(at), f"between key frames {int(at)} and {int(at) + 1}"
+        return now, self.moving(now), words
+
     def at(self, now: Samples, *, cone_m: float | None = None) -> Scene:
         """``moving``, and what carries it: the support region."""
         return self.moving(now, cone_m=cone_m) + Scene(paths=self.support(now))
@@ -573,16 +614,19 @@ def aside(box: Array, com: Array, faced: Sequence[Patch], size_m: float) -> Came
     return best_view(box.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[18.0, 25.0])
 
 
-Unplanned = Problem | Passage
-"""A course, or two places on a ground, that have no plan."""
+Unplanned = Problem | Leap | Passage
+"""A course, a leap, or two places on a ground, that have no plan."""
 
 
-def _way(question: Unplanned) -> Array:
+def way_of(question: Unplanned) -> Array:
     """Places of the centre of mass from start to goal, shape (K, 3) [m]; above the nearest corner of
     the ground where only x and y are asked for.
     """
-    if isinstance(question, Problem):
-        return np.vstack([question.com_nominal_m, question.goal_m])
+    match question:
+        case Problem():
+            return np.vstack([question.com_nominal_m, question.goal_m])
+        case Leap():
+            return np.array([question.start.com_m, question.goal.com_m])
     corners = np.concatenate([patch.vertices_m for patch in question.footholds])
     places, up = (
         np.array([question.start_m, question.goal_m]),
@@ -592,22 +636,30 @@ def _way(question: Unplanned) -> Array:
     return np.column_stack([places, corners[away.argmin(axis=1), 2] + up])
 
 
+def offered(question: Unplanned) -> Sequence[Patch]:
+    """Surfaces that are shown: the terrain, or every patch that toes are offered, once."""
+    if not isinstance(question, Leap) and question.terrain:
+        return question.terrain
+    each = ((at,) if isinstance(at, Patch) else at.candidates for at in question.footholds)
+    return list({id(patch): patch for patches in each for patch in patches}.values())
+
+
 def asked(question: Unplanned, shape: RobotShape, lack: Relaxation | None = None) -> Scene:
     """Where the body was asked to go, and of a course the stance that cannot be held and what it
     lacks.
     """
-    com, size = _way(question), 0.02 * shape.size_m
+    com, size = way_of(question), 0.02 * shape.size_m
     line = dashed(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(com)]))
     marks = [
         DrawnBody(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT)
         for k, at in enumerate(com)
     ] + [DrawnBody(name="goal", shape=Sphere(3.0 * size), position_m=com[-1], colour=GOAL)]
-    frame = 0 if lack is None or lack.frame is None else lack.frame
+    frame = 0 if lack is None or lack.frame is None else min(lack.frame, len(com) - 1)
     words = Label(name="asked", position_m=com[-1], text="asked for: no plan", colour=ACCENT)
     way = Path(pieces_m=line, colour=ACCENT, width=2.0, layer=Layer.TOP)
     trunk = shape.trunk_at(com[frame], np.eye(3), opacity=0.55)
     scene = Scene(paths=[way], bodies=[*marks, *trunk], labels=[words])
-    if isinstance(question, Passage):
+    if not isinstance(question, Problem):
         return scene
     middles = [
         np.mean([patch.centre_m for patch in question.footholds[foothold].candidates], axis=0)
@@ -631,7 +683,7 @@ def draw_asked(
         why: the sentence below the title.
         lack: what would have to change.
     """
-    shape, com = climber(question.robot), _way(question)
+    shape, com = climber(question.robot), way_of(question)
     reach = max(
         limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in question.robot.limbs
     )
@@ -641,7 +693,7 @@ def draw_asked(
         for each in question.footholds
         for patch in ([each] if isinstance(each, Patch) else each.candidates)
     ]
-    terrain = question.terrain or faced
+    terrain = offered(question)
     friction = friction_colours([patch.friction for patch in terrain])
     figure = picture(
         patches(terrain, box, friction) + asked(question, shape, lack),

@@ -5,7 +5,7 @@ envelope.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -17,13 +17,16 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
+from stancekit.planners.motion.motion import Samples
+from stancekit.planners.motion.path import path_of
+from stancekit.planners.motion.plan_motion import key_sample
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify.explain import Relaxation
 
-from .robots import RobotShape, cone, cone_body, force_label, hexapod, limb_of_three
+from .plans import PlanView
+from .robots import RobotShape, climber, cone, cone_body
 from .scene import (
     UP,
     Arrow,
@@ -141,34 +144,26 @@ class _PostureView:
         )
 
     @cached_property
-    def rotation_rad(self) -> Array:
-        """Θ, zero without a posture, shape (3,)."""
-        return np.zeros(3) if self.posture is None else self.posture.rotation_rad[0]
-
-    @cached_property
-    def turn(self) -> Array:
-        """I + [Θ]×, shape (3, 3)."""
-        return np.asarray(np.eye(3) + np.cross(np.eye(3), self.rotation_rad))
+    def held(self) -> tuple[PlanView, Samples] | None:
+        """The robot in its posture, as a plan of one key frame."""
+        if self.posture is None:
+            return None
+        return PlanView(self.posture), key_sample(path_of(self.posture), 0)
 
     @cached_property
     def shape(self) -> RobotShape:
         """Shape of the robot."""
-        return hexapod(self.problem.legs, self.mounts_m, self.size_m)
+        return climber(self.problem.robot)
+
+    @property
+    def size_m(self) -> float:
+        """Size of the robot."""
+        return self.shape.size_m
 
     @property
     def mounts_m(self) -> Array:
         """Shoulders in the body frame, shape (N, 3)."""
         return np.array([contact.shoulder_m for contact in self.problem.contacts])
-
-    @property
-    def shoulders_m(self) -> Array:
-        """Shoulders in the world, shape (N, 3)."""
-        return np.asarray(self.com_m + self.mounts_m @ self.turn.T)
-
-    @cached_property
-    def size_m(self) -> float:
-        """Mean reach: the size of the robot."""
-        return float(np.mean([contact.reach_m for contact in self.problem.contacts]))
 
     @cached_property
     def extent_m(self) -> Array:
@@ -229,31 +224,19 @@ class _PostureView:
             self.extent_m.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[20.0, 27.0]
         )
 
-    def chains(self) -> list[Array]:
-        """Shoulder, hip, knee and toe of every limb, shape (4, 3) each; none without a posture."""
-        if self.posture is None:
-            return []
-        parts = zip(self.shoulders_m, self.posture.toes_m, self.problem.contacts, strict=True)
-        return [
-            limb_of_three(at, toe, unit(self.turn @ each.shoulder_m), each.reach_m)
-            for at, toe, each in parts
-        ]
-
     def scene(self, envelope: Envelope | None) -> Scene:
         """All of it."""
-        shape, rotation = self.shape, rotation_of(self.rotation_rad)
         result = self._terrain() + self._com()
-        if self.posture is None:
+        if self.held is None:
             ends = [
-                (contact.leg, shoulder, contact.patch.centre_m)
-                for contact, shoulder in zip(self.problem.contacts, self.shoulders_m, strict=True)
+                (contact.leg, self.com_m + contact.shoulder_m, contact.patch.centre_m)
+                for contact in self.problem.contacts
             ]
-            result += Scene(bodies=shape.trunk_at(self.com_m, rotation, opacity=0.55))
-            result += shape.unheld(ends, self.lack)
+            result += Scene(bodies=self.shape.trunk_at(self.com_m, np.eye(3), opacity=0.55))
+            result += self.shape.unheld(ends, self.lack)
         else:
-            result += Scene(
-                bodies=shape.bodies(self.com_m, rotation, self.chains())
-            ) + self._forces(self.posture)
+            view, now = self.held
+            result += Scene(bodies=view.bodies(now)) + self._forces(view, now)
         if envelope is not None:
             result += Scene(bodies=self._boxes(envelope))
         return result
@@ -285,8 +268,13 @@ class _PostureView:
 
     def _shadow(self, level: float) -> Scene:
         """Shadow of the robot on level ground under a high sun."""
-        outlines = [self.com_m + self.shape.outline_m @ rotation_of(self.rotation_rad).T]
-        for a, b in (pair for joints in self.chains() for pair in pairwise(joints)):
+        at, turn, limbs = self.com_m, np.eye(3), list[Array]()
+        if self.held is not None:
+            view, now = self.held
+            at, turn = view.pose(now)
+            limbs = self.shape.lines(at, turn, view.limbs(now))
+        outlines = [at + self.shape.outline_m @ turn.T]
+        for a, b in (pair for joints in limbs for pair in pairwise(joints)):
             aside, on = (
                 0.035 * self.size_m * unit(np.cross(UP, b - a)),
                 0.02 * self.size_m * unit(b - a),
@@ -307,41 +295,29 @@ class _PostureView:
             ]
         )
 
-    def _forces(self, posture: Plan) -> Scene:
+    def _forces(self, view: PlanView, now: Samples) -> Scene:
         """Contact forces from the toes in cones as high as the normal force, and the weight."""
-        scale, thickness = self.metres_a_newton, 0.016 * self.size_m
-        bodies, arrows, labels = list[DrawnBody](), list[Arrow](), list[Label]()
-        for k, contact in enumerate(self.problem.contacts):
-            patch, toe, force = contact.patch, posture.toes_m[k], posture.forces_n[0, k]
-            height = max(float(force @ patch.normal) * scale, 0.15 * self.size_m)
-            height = min(height, self.size_m / max(patch.friction, 1e-9))
-            bodies.append(
-                cone_body(f"{contact.leg} cone", cone(patch.friction, patch.frame, height), toe)
-            )
-            arrows.append(
-                Arrow(
-                    name=contact.leg,
-                    start_m=toe,
-                    vector_m=scale * force,
-                    radius_m=thickness,
-                    colour=ACCENT,
-                )
-            )
-            labels.append(force_label(k, contact.leg, toe, force))
-        weight = -scale * self.problem.weight_n * UP
-        arrows.append(
-            Arrow(
-                name="weight", start_m=self.com_m, vector_m=weight, radius_m=thickness, colour=INK
-            )
+        scale, size = self.metres_a_newton, self.size_m
+        bodies, arrows = list[DrawnBody](), list[Arrow]()
+        for contact, toe, force in zip(
+            self.problem.contacts, now.toes_m, now.forces_n, strict=True
+        ):
+            patch, widest = contact.patch, size / max(contact.patch.friction, 1e-9)
+            height = min(max(float(force @ patch.normal) * scale, 0.15 * size), widest)
+            shape = cone(patch.friction, patch.frame, height)
+            bodies.append(cone_body(f"{contact.leg} cone", shape, toe))
+            arrows.append(self.shape.force(contact.leg, toe, scale * force))
+        weight = replace(
+            self.shape.force("weight", self.com_m, -scale * self.problem.weight_n * UP), colour=INK
         )
-        words = f"{self.problem.weight_n:.1f} N"
+        label = Label(
+            name="weight",
+            position_m=self.com_m + weight.vector_m,
+            text=f"{self.problem.weight_n:.1f} N",
+            colour=INK,
+        )
         return Scene(
-            bodies=bodies,
-            arrows=arrows,
-            labels=[
-                Label(name="weight", position_m=self.com_m + weight, text=words, colour=INK),
-                *labels,
-            ],
+            bodies=bodies, arrows=[*arrows, weight], labels=[label, *view.force_labels(now)]
         )
 
     def _boxes(self, envelope: Envelope) -> list[DrawnBody]:

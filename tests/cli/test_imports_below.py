@@ -106,6 +106,9 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.terrain.reference",
         ),
         TOOL: (
+            "planners.formats.question_file",
+            "planners.problem.course_between",
+            "planners.problem.leap",
             "views.playground.scenario",
             "views.playground.serving",
         ),

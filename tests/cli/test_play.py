@@ -20,7 +20,7 @@ from stancekit.cli.solve import Between
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 from stancekit.planners.problem.course_file import read_course
-from stancekit.views.playground.scenario import FixedScenario, KeysScenario
+from stancekit.views.playground.scenario import Scenario
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main", "play"]
 
@@ -33,8 +33,7 @@ def test_it_serves_on_this_machine_and_ends_with_ctrl_c():
         stderr=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a shell's "&" ignores it
     )
-    line = served.stdout.readline()
-    address, rest = line.split(" ", 1)
+    address, rest = served.stdout.readline().split(" ", 1)
     assert rest == "shows walls; Ctrl-C ends\n"
     assert address.startswith("http://127.0.0.1:")
     with urlopen(address) as answer:
@@ -98,15 +97,15 @@ def test_terrains_to_walk_over_are_known_by_their_names(name, walks):
 
 
 def test_courses_are_scenes_of_their_kind(tmp_path: Path):
-    assert isinstance(Play(course="walls")._scenario(None), KeysScenario)
-    (tmp_path / "walls.json").write_text(FixedScenario(laid=read_course("walls")).text()[1])
-    assert isinstance(Play(course=str(tmp_path / "walls.json"))._scenario(None), FixedScenario)
+    assert Play(course="walls")._scenario(None).kind == "walls"
+    (tmp_path / "walls.json").write_text(Scenario.about(read_course("walls")).text()[1])
+    assert Play(course=str(tmp_path / "walls.json"))._scenario(None).kind == "laid"
 
 
 def test_the_proof_of_a_course_is_drawn_and_played(tmp_path: Path, stancekit):
     answer = plan("walls", frames=2, settings=PlanSettings(wrench=(0.0, 0.0, -4e3, 0.0, 0.0, 0.0)))
     save(answer.certificate, tmp_path / "proof.json")
-    assert Play(course=str(tmp_path / "proof.json"))._scenario(None).laid.frames == 2
+    assert Play(course=str(tmp_path / "proof.json"))._scenario(None).given.frames == 2
     words = [text.get_text() for axes in draw(answer).axes for text in axes.texts]
     assert [word for word in words if word.startswith("LF, LR, RM: wrench 4000 N, holds at most")]
     stancekit("picture", str(tmp_path / "proof.json"), "--out", str(tmp_path / "why.png"))

@@ -10,7 +10,7 @@ import re
 import shutil
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -32,7 +32,8 @@ OFFLINE = (
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     "--remote-debugging-port=0",
 )
-PATIENCE_S = 120.0
+PATIENCE_S = 600.0
+"""Of a test that hangs: nothing is late because the machine is busy."""
 SELDOM = """
 window.requestAnimationFrame = then => setTimeout(() => then(performance.now()), 250);
 """
@@ -70,13 +71,17 @@ class Tab:
 
     def wait_for(self, script: str, patience_s: float = PATIENCE_S) -> Any:
         """The value of an expression once it is true."""
-        until = time.monotonic() + patience_s
-        while time.monotonic() < until:
-            if found := self.value(script):
+        return self.until(lambda: self.value(script), patience_s, script)
+
+    def until(self, true: Callable[[], Any], patience_s: float = PATIENCE_S, what: str = "") -> Any:
+        """What a function gives once it is true."""
+        end = time.monotonic() + patience_s
+        while time.monotonic() < end:
+            if found := true():
                 return found
             time.sleep(0.02)
         raise AssertionError(
-            f"not within {patience_s:g} s: {script}; the page says: {self.text()[:600]}"
+            f"not within {patience_s:g} s: {what}; the page says: {self.text()[:600]}"
         )
 
     def text(self) -> str:

@@ -283,8 +283,7 @@ def test_a_leap_is_a_motion_whose_feet_land_where_it_says() -> None:
         rows.toes_m[rows.stands], plan.toes_m[rows.foothold[rows.stands]], atol=1e-9
     )
     np.testing.assert_allclose(motion.at(plan.ends_s).com_m, plan.com_m, atol=1e-9)
-    steps = np.abs(np.diff(rows.toes_m, axis=0)).max()
-    assert steps < 6.0 * motion.duration_s / 200
+    assert np.abs(np.diff(rows.toes_m, axis=0)).max() < 6.0 * motion.duration_s / 200
     rates = np.gradient(rows.rotation_rad, times, axis=0)[1:-1]
     np.testing.assert_allclose(rates, rows.rotation_rate_rad_s[1:-1], atol=0.2)
 

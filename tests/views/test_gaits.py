@@ -159,8 +159,7 @@ def test_a_robot_behind_a_wall_is_looked_at_from_the_other_side():
     torso = np.column_stack([np.zeros(81), np.linspace(-0.4, 0.4, 81), np.full(81, 0.2)])
     gone = walk(wall)
     feet = torso[:, None] + np.array([foot.nominal_m for foot in gone.robot.feet])
-    view = GaitView(replace(gone, torso_m=torso, feet_m=feet))
-    assert view.camera.axes[2][0] < 0.0
+    assert GaitView(replace(gone, torso_m=torso, feet_m=feet)).camera.axes[2][0] < 0.0
 
 
 # --------------------------------------------------------------------------------------------------
@@ -429,8 +428,7 @@ def test_in_the_air_there_are_no_forces(leap):
     view = LeapView(leap)
     ((begin, end),) = view.flights_s
     air = (leap.problem.holds[leap.problem.interval_phases] < 0).all(axis=1)
-    takes_off = leap.ends_s[int(np.argmax(air))]
-    assert begin == pytest.approx(takes_off, abs=0.006)
+    assert begin == pytest.approx(leap.ends_s[int(np.argmax(air))], abs=0.006)
     middle = view.motion.at(0.5 * (begin + end))
     assert not middle.stands.any()
     assert view.at(middle).arrows == []

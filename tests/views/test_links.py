@@ -154,8 +154,7 @@ def test_a_walk_is_drawn_with_the_joints_of_its_own_legs() -> None:
         np.testing.assert_allclose(
             bodies[f"{leg.name} foot"].position_m, toe + leg.radius_m * normal, atol=1e-5
         )
-    names = {body.name for body in view.at(0).bodies}
-    assert names == set(bodies)
+    assert {body.name for body in view.at(0).bodies} == set(bodies)
     own, boxes = (
         to_rgb(draw_motion(each, size_px=(480, 360))).astype(int)
         for each in (walk, walk.asked(robot=replace(walk.robot, model=None)))

@@ -319,8 +319,7 @@ def test_a_comparison_shows_every_selector_measure_and_number() -> None:
     assert ink(rgb) > 0.1
     axes = figure.axes[0]
     assert [label.get_text() for label in axes.get_xticklabels()] == ["heuristic", "neural"]
-    legend = axes.get_legend()
-    named = [text.get_text() for text in legend.get_texts()]
+    named = [text.get_text() for text in axes.get_legend().get_texts()]
     assert named == ["P1 correct feasible", "fix-p", "P1 correct infeasible", "paper"]
     assert sorted(texts(figure)) == sorted(
         [

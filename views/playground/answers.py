@@ -13,27 +13,34 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
+from multiprocessing.connection import wait
 from typing import Any
 
 from stancekit.planners.answer.answer import Answer, Status
 from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan import LeapPlan
 from stancekit.planners.answer.report import Report
+from stancekit.planners.answer.trajectory import Trajectory
+from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps
 from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.course_between import LaidBetween
+from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.walk import Walk
-from stancekit.planners.search.plan_course import LayOut, plan_course
+from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.explain import Relaxation
 
-from .scenario import BetweenScenario, Scenario, WalkScenario
+from .scenario import Scenario
 
+Question = Problem | Leap | Walk
+"""What is asked, as it is laid out."""
 _SHARES = (0.8, 1.0)
 """Shares of the friction, that a plan is looked for with while the scene is changed."""
 _QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
@@ -49,16 +56,18 @@ class SceneAnswer:
 
     Arguments:
         course: what is asked for; None where it makes no sense.
-        plan: accepted by the verifier as far as its contacts go; of a walk its trajectory.
-        status: None where the question makes no sense; undecided where no way was found for a course.
-        message: why there is no plan, or what is wrong with it; empty where nothing is.
+        plan: accepted by the verifier as far as its contacts go; a leap, or a walk.
+        status: None where the question makes no sense, or a walk is still planned; undecided where
+            no way was found for a course.
+        message: why there is no plan, or what is wrong with it, or how far the planning of a walk
+            is; empty where nothing is.
         lack: what would have to change, where that is proved.
         report: on all of the plan, once it was judged.
         patient: whether all was looked at.
-        seconds: CPU time of the layout and of the search; of a walk the time since it was begun.
+        seconds: CPU time of the layout and of the search; of a walk the time that it took.
     """
 
-    course: Problem | Walk | None = None
+    course: Question | None = None
     status: Status | None = None
     plan: Motion[Any] | None = None
     message: str = ""
@@ -74,245 +83,186 @@ class SceneAnswer:
         return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
 
 
+_Told = Callable[[SceneAnswer], None]
+_ITERATIONS, _TOTAL_S, _TOLD_S = 80, 120.0, 0.15
+"""Most iterations of a solve, CPU time of all solves of a walk [s], and how often is told how far
+it is [s]."""
+
+
 def quick_answer(scenario: Scenario) -> SceneAnswer:
     """A fast answer for the display, which looks at contacts alone; undecided if it would take
-    longer. Of a walk, whether there is one to plan. Raises nothing.
+    longer; of a leap all but joints and bodies. Of a walk, whether there is one to plan. Raises nothing.
     """
-    if isinstance(scenario, WalkScenario):
-        try:
-            return SceneAnswer(course=scenario.course())
-        except StancekitError as error:
-            return SceneAnswer(message=str(error))
     planner = TwoStage(
         time_limit_s=_QUICK_S,
         max_nodes=_QUICK_NODES,
         cuts=False,
         steps=_QUICK_STEPS,
     )
-    return _planned(
-        scenario,
-        partial(
-            plan_course,
-            planner=planner,
-            shares=_SHARES,
-            presses=(),
-            limits=None,
-        ),
-    )
 
+    def search(asked: Question | None) -> Answer[Any] | None:
+        if isinstance(asked, Walk):
+            return None
+        if isinstance(asked, Leap):
+            return find_leap(asked, time_limit_s=_QUICK_S)
+        return plan_course(scenario.question, planner, shares=_SHARES, presses=(), limits=None)
 
-_Told = Callable[[SceneAnswer], None]
-_ITERATIONS, _TOTAL_S = 80, 120.0
-"""Most iterations of a solve, and CPU time of all solves of a walk [s]."""
-
-
-def planned_walk(task: Walk, tell: _Told) -> SceneAnswer:
-    """The walk that is found; until then ``tell`` gets how far its planning is. Raises nothing."""
-    begun, last = time.monotonic(), 0.0
-
-    def since() -> tuple[float, float]:
-        return 0.0, time.monotonic() - begun
-
-    def progress(
-        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
-    ) -> bool:
-        nonlocal last
-        if time.monotonic() - last > 0.15:
-            last = time.monotonic()
-            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
-            tell(SceneAnswer(course=task, message=words, seconds=since()))
-        return os.getppid() == 1
-
-    settings = GaitSettings(max_iterations=_ITERATIONS)
-    caps = Caps(iterations=_ITERATIONS, total_s=_TOTAL_S)
-    try:
-        found = plan_walk(task, settings, progress, caps=caps).answer
-    except StancekitError as error:
-        return SceneAnswer(course=task, message=str(error), patient=True, seconds=since())
-    return SceneAnswer(
-        course=task,
-        status=found.status,
-        plan=found.solution,
-        message=found.message,
-        report=found.report,
-        patient=True,
-        seconds=since(),
-    )
+    return _answered(scenario, search, patient=False)
 
 
 def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAnswer:
     """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
     where no plan over the layout that is asked for is accepted, one over another; between places
     that no balanced motion of a robot that does not leap joins, infeasible. Of a walk that of
-    ``stancekit gait``. Raises nothing.
+    ``stancekit gait``; until then ``tell`` gets how far its planning is. Raises nothing.
     """
-    if isinstance(scenario, WalkScenario):
-        quick = quick_answer(scenario)
-        asked = quick.course
-        return (
-            planned_walk(asked, tell) if isinstance(asked, Walk) else replace(quick, patient=True)
-        )
 
-    def plan(question: LayOut) -> Answer[Plan]:
-        planner = TwoStage(time_limit_s=_PATIENT_S)
+    def search(asked: Question | None) -> Answer[Any]:
+        if isinstance(asked, Walk):
+            return _walked(asked, tell)
         deadline = time.perf_counter() + _PATIENT_S
-        return plan_course(
-            question,
-            planner,
-            layouts=scenario.layouts,
-            deadline=deadline,
-        )
+        if isinstance(asked, Leap):
+            return _leapt(asked, deadline)
+        planner = TwoStage(time_limit_s=_PATIENT_S)
+        return plan_course(scenario.question, planner, layouts=scenario.layouts, deadline=deadline)
 
-    answer = _planned(scenario, plan, patient=True)
-    if not (isinstance(scenario, BetweenScenario) and answer.status is Status.UNDECIDED):
+    answer = _answered(scenario, search, patient=True)
+    if not (isinstance(scenario.given, LaidBetween) and answer.status is Status.UNDECIDED):
         return answer
     from stancekit.planners.search.flood import flood  # slow to import
 
-    passage = scenario.question.local.passage()
+    passage = scenario.between.local.passage()
     if passage.robot.own or flood(passage) is None:
         return answer
     return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
 
 
-def _planned(
-    scenario: Scenario, plan: Callable[[LayOut], Answer[Plan]], *, patient: bool = False
-) -> SceneAnswer:
-    """The answer that a way to plan gives, with the time that it took."""
-    begin, course = time.process_time(), None
-    between = isinstance(scenario, BetweenScenario)
-    try:
-        with suppress(*((NoPlace, PlanningFailed) if patient and between else ())):
-            course = scenario.course()  # where this layout has no place another one may have
-        laid = time.process_time()
-        outcome = plan(
-            scenario.question if isinstance(scenario, BetweenScenario) else scenario.course
-        )
-    except StancekitError as error:
-        nowhere = between and isinstance(error, NoPlace | PlanningFailed)
-        return SceneAnswer(
-            status=Status.UNDECIDED if nowhere else None,
-            message=str(error),
-            patient=patient,
-            seconds=(time.process_time() - begin, 0.0),
-        )
-    seconds = (laid - begin, time.process_time() - laid)
-    return _answer(outcome, course, seconds, patient=patient)
+def _leapt(leap: Leap, deadline: float) -> Answer[LeapPlan]:
+    """The answer of ``stancekit plan`` to a leap."""
+    method = LeapFinder()
+    answer = find_leap(leap, method, time_limit_s=_PATIENT_S)
+    if answer.solution is None or not leap.robot.own:
+        return answer
+    from stancekit.planners.leap.bend import judged_answer  # reads robots, and is slow to import
+
+    return judged_answer(answer, programs_of_this_thread(), share=method.share, deadline=deadline)
 
 
-def _answer(
-    outcome: Answer[Plan],
-    asked: Problem | None,
-    seconds: tuple[float, float],
+def _walked(task: Walk, tell: _Told) -> Answer[Trajectory]:
+    """The answer of ``stancekit gait``."""
+    last = 0.0
+
+    def progress(
+        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
+    ) -> bool:
+        nonlocal last
+        if time.monotonic() - last > _TOLD_S:
+            last = time.monotonic()
+            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
+            tell(SceneAnswer(course=task, message=words))
+        return os.getppid() == 1
+
+    settings = GaitSettings(max_iterations=_ITERATIONS)
+    caps = Caps(iterations=_ITERATIONS, total_s=_TOTAL_S)
+    return plan_walk(task, settings, progress, caps=caps).answer
+
+
+def _answered(
+    scenario: Scenario,
+    search: Callable[[Question | None], Answer[Any] | None],
     *,
-    patient: bool = False,
+    patient: bool,
 ) -> SceneAnswer:
-    """The answer that an outcome is.
+    """The answer that a search gives, with the time that it took.
 
     Arguments:
-        asked: the scene's own course, where the outcome is not of a problem.
+        search: of a question, None where its layout has no place but another one may; it gives None
+            where there is nothing to say yet.
     """
-    message, report, lack = outcome.message, outcome.report, None
+    clock = time.monotonic if scenario.kind == "walk" else time.process_time
+    begin, asked = clock(), None
+    nowhere = (NoPlace, PlanningFailed) if scenario.kind == "between" else ()
+    try:
+        with suppress(*(nowhere if patient else ())):
+            asked = scenario.course()
+        laid = clock()
+        outcome = search(asked)
+    except StancekitError as error:
+        return SceneAnswer(
+            course=asked if isinstance(asked, Walk) else None,
+            status=Status.UNDECIDED if isinstance(error, nowhere) else None,
+            message=str(error),
+            patient=patient,
+            seconds=(clock() - begin, 0.0),
+        )
+    if outcome is None:
+        return SceneAnswer(course=asked)
+    message, plan, lack = outcome.message, outcome.solution, None
     if outcome.certificate is not None and outcome.problem is not None:
         explanation = explain(outcome.certificate)
         message, lack = explanation.message, next(iter(explanation.relaxations), None)
         if outcome.sets is not None:
             message += f", over the {outcome.sets} sets of its legs"
-    elif report is not None and not report.accepted:
-        message = report.message
-    share = (
-        1.0
-        if outcome.solution is None
-        else float(outcome.solution.provenance.get("friction_share", 1.0))
-    )
-    if outcome.solution is not None and (layout := outcome.solution.provenance.get("layout")):
+    elif outcome.report is not None and not outcome.report.accepted:
+        message = outcome.report.message
+    of_plan = {} if plan is None else plan.provenance
+    if layout := of_plan.get("layout"):
         message = f"laid out differently, since no plan was accepted as asked: {layout}"
     return SceneAnswer(
-        course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
+        course=outcome.problem if isinstance(outcome.problem, Problem | Leap) else asked,
         status=outcome.status,
-        plan=outcome.solution,
+        plan=plan,
         message=message,
         lack=lack,
-        report=report,
+        report=outcome.report,
         patient=patient,
-        share=share,
-        seconds=seconds,
+        share=float(of_plan.get("friction_share", 1.0)),
+        seconds=(laid - begin, clock() - laid),
     )
 
 
 class Judge:
-    """Judges one scene after another; of those that wait only the newest is kept.
+    """The process that judges scenes, one at a time; it starts with the first.
 
-    on_answer(number, answer) is called in a thread of its own. The process starts with the first
-    scene.
+    number: of the change that is judged, None while it waits for one; pipe: where it answers.
     """
 
-    def __init__(self, on_answer: Callable[[int, SceneAnswer], None]) -> None:
-        self._on_answer = on_answer
-        self._lock = threading.Lock()
-        self._pipe: Any = None
+    def __init__(self) -> None:
+        self.number: int | None = None
+        self.pipe: Any = None
         self._process: Any = None
-        self._waiting: tuple[int, Scenario] | None = None
-        self._busy = self._closed = False
 
     def ask(self, number: int, scenario: Scenario) -> None:
-        """Judge this next, and not what still waits."""
-        with self._lock:
-            if self._closed:
-                return
-            self._waiting = (number, scenario)
-            if not self._busy:
-                self._busy = True
-                threading.Thread(target=self._work, name="judge", daemon=True).start()
+        """Have a scene judged."""
+        if self._process is None:
+            context = multiprocessing.get_context("spawn")
+            self.pipe, there = context.Pipe()
+            self._process = context.Process(target=_serve, args=(there,), daemon=True)
+            self._process.start()
+            there.close()
+        self.number = number
+        with suppress(OSError):  # one that has ended says so where it is heard
+            self.pipe.send(scenario)
 
-    def drop(self, *, ends: bool = False) -> None:
-        """Drop what waits: it is of no use any more.
+    def heard(self) -> SceneAnswer:
+        """What it says next, waited for."""
+        try:
+            answer: SceneAnswer = self.pipe.recv()
+        except (EOFError, OSError):
+            self.end()
+            return SceneAnswer(
+                message="the process that judges plans has ended; any change starts it anew"
+            )
+        if answer.patient:
+            self.number = None
+        return answer
 
-        Arguments:
-            ends: what is in work, too, with its process.
-        """
-        with self._lock:
-            self._waiting = None
-            process = self._process if ends else None
-            self._process = None if ends else self._process
-        if process is not None:
-            process.kill()
-            process.join()
-
-    def close(self) -> None:
+    def end(self) -> None:
         """End the process, also in the middle of its work."""
-        self._closed = True
-        self.drop(ends=True)
-
-    def _work(self) -> None:
-        while True:
-            with self._lock:
-                if self._waiting is None or self._closed:
-                    self._busy = False
-                    return
-                (number, scenario), self._waiting = self._waiting, None
-                if self._process is None:
-                    self._start()
-                pipe, process, done = self._pipe, self._process, False
-            try:
-                pipe.send(scenario)
-                while not done:
-                    answer = pipe.recv()
-                    done = answer.patient
-                    self._on_answer(number, answer)
-            except (EOFError, OSError):
-                with self._lock:
-                    if self._process is not process:  # we ended it
-                        continue
-                    self._process = None
-                message = "the process that judges plans has ended; any change starts it anew"
-                self._on_answer(number, SceneAnswer(message=message))
-
-    def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._pipe, there = context.Pipe()
-        self._process = context.Process(target=_serve, args=(there,), daemon=True)
-        self._process.start()
-        there.close()
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        self._process = self.number = None
 
 
 def _serve(pipe: Any) -> None:
@@ -342,14 +292,13 @@ class Session:
         judges: bool = True,
         rest_s: float | None = None,
     ) -> None:
-        self._walks = isinstance(scenario, WalkScenario)
+        self._walks = isinstance(scenario, Scenario) and scenario.kind == "walk"
         self._on_answer = on_answer
         self._rest_s = (_WALK_REST_S if self._walks else _REST_S) if rest_s is None else rest_s
-        self._news = threading.Condition()
+        self._lock, (self._news, self._bell) = threading.Lock(), multiprocessing.Pipe(duplex=False)
         self.scenario, self.number, self._since = scenario, 0, time.perf_counter()
         self._answered, self._judged = -1, -1
-        self._verdict: tuple[int, SceneAnswer] | None = None
-        self._judge = Judge(self._told) if judges else None
+        self._judge = Judge() if judges else None
         self._closed = False
         self._thread = threading.Thread(target=self._work, name="playground", daemon=True)
 
@@ -366,63 +315,63 @@ class Session:
         scene, and keeps their changes.
         """
         while True:
-            with self._news:
+            with self._lock:
                 base, number, since = self.scenario, self.number, time.perf_counter()
             edited = edit(base)
-            with self._news:
-                if number != self.number:
-                    continue
-                self.scenario, self._since = edited, since
-                self.number += 1
-                if self._judge is not None:
-                    self._judge.drop(ends=self._walks)
-                self._news.notify()
-                return self.number
+            with self._lock:
+                if number == self.number:
+                    self.scenario, self._since = edited, since
+                    self.number += 1
+                    self._bell.send_bytes(b"changed")
+                    return self.number
 
     def close(self) -> None:
         """End thread and process."""
-        with self._news:
-            self._closed = True
-            self._news.notify()
-        if self._judge is not None:
-            self._judge.close()
+        self._closed = True
+        self._bell.send_bytes(b"closed")
         if self._thread.is_alive():
             self._thread.join(timeout=5.0)
 
-    def _told(self, number: int, answer: SceneAnswer) -> None:
-        with self._news:
-            self._verdict = (number, answer)
-            self._news.notify()
-
     def _work(self) -> None:
-        while True:
-            with self._news:
-                self._news.wait_for(self._is_due, timeout=self._patience_s())
-                if self._closed:
-                    return
+        judge = self._judge
+        while not self._closed:
+            spoken = self._spoken()
+            with self._lock:
                 number, scenario, since = self.number, self.scenario, self._since
-                verdict, self._verdict = self._verdict, None
             if number != self._answered:
+                if judge is not None and self._walks:
+                    judge.end()  # what it plans nobody wants any more
                 self._say(number, scenario, quick_answer(scenario), since)
                 self._answered = number
-            elif verdict is not None and verdict[0] == number:
-                self._say(number, scenario, verdict[1], since)
-            elif (
-                self._judge is not None
-                and self._judged != number
-                and time.perf_counter() - since >= self._rest_s
-            ):
+            elif judge is not None and spoken:
+                of, answer = judge.number, judge.heard()
+                if of == number:
+                    self._say(number, scenario, answer, since)
+            elif judge is not None and self._patience_s() == 0.0:
                 self._judged = number
-                self._judge.ask(number, scenario)
+                judge.ask(number, scenario)
+        if judge is not None:
+            judge.end()
 
-    def _is_due(self) -> bool:
-        return self._closed or self.number != self._answered or self._verdict is not None
+    def _spoken(self) -> bool:
+        """Wait for a change, for the judge, or until the scene has rested; whether the judge has
+        spoken.
+        """
+        judge, lines = self._judge, [self._news]
+        if judge is not None and judge.number is not None:
+            lines.append(judge.pipe)
+        ready = wait(lines, self._patience_s())
+        while self._news.poll():
+            self._news.recv_bytes()
+        return any(line is not self._news for line in ready)
 
     def _patience_s(self) -> float | None:
         """Time until the scene counts as settled; None where there is nothing to wait for."""
-        if self._judge is None or self._judged == self.number or self.number != self._answered:
+        if self.number != self._answered:
+            return 0.0
+        if self._judge is None or self._judge.number is not None or self._judged == self.number:
             return None
-        return max(self._rest_s - (time.perf_counter() - self._since), 0.001)
+        return max(self._rest_s - (time.perf_counter() - self._since), 0.0)
 
     def _say(self, number: int, scenario: Scenario, answer: SceneAnswer, since: float) -> None:
         try:

@@ -21,7 +21,7 @@ from stancekit.planners.answer.report import acceptance_word
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.problem import Problem
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.verify import Report
@@ -135,6 +135,11 @@ class Controls:
 _FPS = 15.0
 
 
+def next_picture(stop: threading.Event) -> bool:
+    """Wait until the next picture is due; whether it was stopped before."""
+    return stop.wait(1.0 / _FPS)
+
+
 class Player:
     """In the tab that is open on ``gui``, one second, or key frame, of it a second.
 
@@ -143,12 +148,18 @@ class Player:
         on_time: called, with ``lock`` held, when another time is to be shown; it returns whether
             there is anything to show, and where there is nothing the time stays. at: the time that
             is shown; last: where it ends.
+        pause: its clock.
     """
 
     def __init__(
-        self, gui: Any, unit: str, on_time: Callable[[], bool], lock: AbstractContextManager[Any]
+        self,
+        gui: Any,
+        unit: str,
+        on_time: Callable[[], bool],
+        lock: AbstractContextManager[Any],
+        pause: Callable[[threading.Event], bool] = next_picture,
     ) -> None:
-        self._on_time, self._lock = on_time, lock
+        self._on_time, self._lock, self._pause = on_time, lock, pause
         self._stop: threading.Event | None = None
         self.at, self.last = 0.0, 0.0
         self._button = gui.add_button("play")
@@ -197,7 +208,7 @@ class Player:
                 self._go(min(max(float(event.target.value), 0.0), self.last))
 
     def _play(self, stop: threading.Event) -> None:
-        while not stop.wait(1.0 / _FPS):
+        while not self._pause(stop):
             with self._lock:
                 if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / _FPS, self.last)):
                     self.show(self.at, self.last)
@@ -415,16 +426,6 @@ def _torques(
     return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]
 
 
-def solver_of(course: Problem) -> Kinematics | None:
-    """The legs of a course's robot; None where they are not known, or pinocchio is not
-    installed.
-    """
-    try:
-        return Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-    except InvalidInput:
-        return None
-
-
 def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
     """The verdict as HTML.
 
@@ -433,44 +434,28 @@ def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
         drawn_ms: since that change.
     """
     colour, title, text = _words(answer)
-    took = (
-        f"judged in {sum(answer.seconds):.1f} CPU-s"
-        if answer.patient
-        else f"drawn after {drawn_ms:.0f} ms"
-    )
+    took = f"drawn after {drawn_ms:.0f} ms"
+    if answer.patient:
+        unit = "s" if isinstance(answer.course, Walk) else "CPU-s"
+        took = f"judged in {sum(answer.seconds):.1f} {unit}"
     return said(
         colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient
     )
 
 
-def verdict_of_walk(answer: SceneAnswer, number: int, _drawn_ms: float = 0.0) -> str:
-    """The verdict on a walk as HTML, see ``verdict``."""
-    colour, title, text = UNSURE, "Walk is being planned", answer.message
-    took = f"{'planned in' if answer.patient else 'for'} {sum(answer.seconds):.1f} s"
-    if answer.course is None:
-        colour, title, took = BAD, "No walk to plan", ""
-    elif answer.accepted and answer.report is not None:
-        word = acceptance_word(answer.report.unchecked)
-        colour, title = GOOD, word.partition(":")[0].capitalize()
-        text = text.removeprefix(word).lstrip(":; ")
-    elif answer.patient:
-        colour, title = BAD, "No walk"
-    elif not text:
-        title, text, took = "To be planned", "The walk is planned once nothing is changed.", ""
-    below = " · ".join(filter(None, (f"change {number}", took)))
-    return said(colour, title, text, below, change=number, patient=answer.patient)
-
-
 def _words(answer: SceneAnswer) -> tuple[str, str, str]:
     """Colour, title and sentence."""
     if answer.course is None:
-        return BAD, "No course", answer.message
+        return BAD, "Nothing to plan", answer.message
     if answer.status is Status.INFEASIBLE:
         return BAD, "No plan, and that is proved" if answer.patient else "No plan", answer.message
     if answer.accepted:
         assert answer.report is not None
-        title, *_ = acceptance_word(answer.report.unchecked).capitalize().partition(":")
-        return GOOD, title, " ".join(filter(None, (_accepted(answer.report), answer.message)))
+        word = acceptance_word(answer.report.unchecked)
+        text = (answer.message or answer.report.message).removeprefix(word).lstrip(":; ")
+        if answer.plan is not None and answer.plan.keyed:
+            text = " ".join(filter(None, (_accepted(answer.report), answer.message)))
+        return GOOD, word.partition(":")[0].capitalize(), text
     if answer.plan is not None and not answer.patient:
         return (
             UNSURE,
@@ -479,6 +464,10 @@ def _words(answer: SceneAnswer) -> tuple[str, str, str]:
         )
     if answer.plan is not None:
         return BAD, "Not accepted", answer.message
+    if isinstance(answer.course, Walk) and not answer.patient:
+        rests = "The walk is planned once nothing is changed."
+        title = "Being planned" if answer.message else "To be planned"
+        return UNSURE, title, answer.message or rests
     more = "" if answer.patient else "; the search goes on when nothing is changed"
     return UNSURE, "Undecided", f"{answer.message}{more}"
 
@@ -544,28 +533,41 @@ def explained(limbs: list[str]) -> str:
 
 
 def summary(answer: SceneAnswer) -> str:
-    """The plan in a few numbers, as HTML; empty without one."""
+    """The plan or the walk in a few numbers, as HTML; empty without one."""
     plan = answer.plan
-    if plan is None or not plan.keyed:
+    if plan is None:
         return ""
-    course = plan.problem
-    share, frame, limb = margins(plan)
-    to_goal = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
+    robot = plan.robot
     rows = [
-        ("robot", f"{course.robot.name}, {course.robot.mass_kg:.3g} kg ({course.weight_n:.1f} N)"),
         (
-            "friction in hand",
-            f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else ""),
-        ),
-        ("planned with", f"{100 * answer.share:.0f} % of the friction"),
-        ("ends", f"{to_goal:.0f} mm from the goal, after {course.frames} key frames"),
+            "robot",
+            f"{robot.name}, {robot.mass_kg:.3g} kg ({robot.mass_kg * plan.gravity_m_s2:.1f} N)",
+        )
     ]
-    if (
-        answer.report is not None
-        and (most := answer.report.group("torque").figures.get("share")) is not None
-    ):
-        rows.insert(2, ("torque in hand", f"{100 * (1 - float(most)):.0f} % at least"))
+    if plan.keyed:
+        rows += _of_plan(plan, answer)
+        return key_values(rows)
+    walked = plan.has("times_s")
+    path_m, times_s = (plan.torso_m, plan.times_s) if walked else (plan.com_m, plan.ends_s)
+    length_m = float(np.linalg.norm(np.diff(path_m, axis=0), axis=1).sum())
+    rows.append(("way", f"{length_m:.2f} m in {times_s[-1] - times_s[0]:.4g} s"))
+    if walked:
+        rows.append(("chart", str(plan.provenance.get("chart", "–"))))
     return key_values(rows)
+
+
+def _of_plan(plan: Plan, answer: SceneAnswer) -> list[tuple[str, str]]:
+    """What a plan has in hand, what it was planned with, and where it ends."""
+    course, (share, frame, limb) = plan.problem, margins(plan)
+    to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
+    least = f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else "")
+    rows = [("friction in hand", least)]
+    used = None if answer.report is None else answer.report.group("torque").figures.get("share")
+    if used is not None:
+        rows.append(("torque in hand", f"{100 * (1 - float(used)):.0f} % at least"))
+    rows.append(("planned with", f"{100 * answer.share:.0f} % of the friction"))
+    rows.append(("ends", f"{to_goal_mm:.0f} mm from the goal, after {course.frames} key frames"))
+    return rows
 
 
 def key_values(rows: list[tuple[str, str]]) -> str:

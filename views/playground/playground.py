@@ -14,21 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.arguments import cached_property
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.leap import Leap
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Robot
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
+from ..leaps import LeapView
 from ..page import Stage
-from ..plans import PlanView, asked, ghosts
+from ..plans import PlanView, View, asked, ghosts, offered, solver_of, way_of
 from ..robots import RobotShape, climber
 from ..scene import DrawnBody, Path as Line, Scene, Sphere
 from ..sheet import GOAL, INK, friction_colours
@@ -39,7 +40,7 @@ from ..terrain import (
     pieces_within,
     surfaces,
 )
-from .answers import SceneAnswer, Session, quick_answer
+from .answers import Question, SceneAnswer, Session, quick_answer
 from .page_parts import (
     BRAND,
     Controls,
@@ -48,17 +49,14 @@ from .page_parts import (
     Player,
     called,
     from_behind,
-    key_values,
     let_camera,
     limb_table,
     loads,
     named_in,
-    solver_of,
     summary,
     verdict,
-    verdict_of_walk,
 )
-from .scenario import Scenario, WalkScenario
+from .scenario import Scenario
 
 _STEP_M = 0.25
 _AROUND_M = 0.75
@@ -68,9 +66,9 @@ _WAY = "#73808d"
 
 
 class Pictures:
-    """Draws courses and plans; what does not change from one to the next is kept."""
-
-    tab, unit = "Plan", "key frame"
+    """Draws questions and what is planned for them; what does not change from one to the next is
+    kept.
+    """
 
     def __init__(self) -> None:
         self._known = dict[str, tuple[Hashable, Any]]()
@@ -82,83 +80,99 @@ class Pictures:
         return self._known[what][1]
 
     def shape(self, robot: Robot) -> RobotShape:
-        """Shape of a robot."""
+        """Shape of a robot that climbs."""
         key = (robot.name, robot.identity, tuple((each.name, each.reach_m) for each in robot.limbs))
         return self._kept("shape", key, lambda: climber(robot))  # type: ignore[no-any-return]
 
-    def view(self, plan: Plan) -> PlanView:
-        """A plan as something to look at."""
-        return PlanView(plan, drawn_as=self.shape(plan.problem.robot))
+    def view(self, plan: Motion[Any]) -> View:
+        """What was planned as something to look at."""
+        if plan.keyed:
+            return PlanView(plan, drawn_as=self.shape(plan.robot))
+        walked = plan.has("times_s")
+        return GaitView(plan, moves_as=feet_motion(plan)) if walked else LeapView(plan)
 
-    def camera(self, course: Problem, answer: SceneAnswer) -> tuple[Array, float, Array]:
-        """The first view of a course: where it looks, from how far [m], and in what direction."""
-        path = course.com_nominal_m
+    def camera(self, scenario: Scenario, answer: SceneAnswer) -> tuple[Array, float, Array]:
+        """The first view of a scene: where it looks, from how far [m], and in what direction."""
+        course = scenario.course()
+        if isinstance(course, Walk):
+            ends = np.array([grip.position_m for grip in scenario.grips(course)])
+            way_m = float(np.linalg.norm(course.goal - course.start))
+            away_m = 2.2 * (way_m + 3.0 * course.robot.stand_height_m)
+            return ends.mean(axis=0), away_m, from_behind(np.array([-0.45, -0.75, 0.5]), *ends)
+        path = course.com_nominal_m if isinstance(course, Problem) else way_of(course)
         reach = max(limb.reach_m for limb in course.robot.limbs)
         away_m = 2.0 * (float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach)
         towards = np.array([-0.75, -0.45, 0.35])
-        if answer.plan is not None and answer.plan.keyed:
+        if answer.plan is not None:
             towards = self.view(answer.plan).camera.axes[2]
-        return path.mean(axis=0), away_m, from_behind(towards, path[0], course.goal_m)
+        return path.mean(axis=0), away_m, from_behind(towards, path[0], way_of(course)[-1])
 
-    def shown(self, before: SceneAnswer, answer: SceneAnswer, at: float) -> tuple[float, float]:
-        """Key frame that is shown with another answer, and the last one; an end is followed."""
+    def shown(
+        self, before: SceneAnswer, answer: SceneAnswer, view: View | None, at: float
+    ) -> tuple[float, float]:
+        """Key frame that is shown with another answer, and the last one; an end is followed. A walk
+        or a leap is shown from its beginning.
+        """
         course, earlier = answer.course, before.course
-        last = float(course.frames - 1) if isinstance(course, Problem) else 0.0
+        if not isinstance(course, Problem):
+            return 0.0, 0.0 if view is None else view.duration_s
+        last = float(course.frames - 1)
         stays = isinstance(earlier, Problem) and at < earlier.frames - 1.001
         return at if stays else last, last
 
-    def ground(self, course: Problem) -> Scene:
-        """The surfaces about the path, in the tints of their friction."""
-        box = bounds_m(course)
+    def ground(self, course: Question) -> Scene:
+        """The surfaces about the path, in the tints of their friction; all of a field of heights."""
+        if isinstance(course, Walk):
+            return self._kept("heights", id(course.terrain), lambda: _heights(course))  # type: ignore[no-any-return]
+        box, terrain = bounds_m(course), offered(course)
         places = (
             box.tobytes(),
-            *((patch.vertices_m.tobytes(), patch.normal.tobytes()) for patch in course.terrain),
+            *((patch.vertices_m.tobytes(), patch.normal.tobytes()) for patch in terrain),
         )
-        frictions = [patch.friction for patch in course.terrain]
-        pieces = self._kept("pieces", places, lambda: pieces_within(course.terrain, box))
+        frictions = [patch.friction for patch in terrain]
+        pieces = self._kept("pieces", places, lambda: pieces_within(terrain, box))
         return self._kept(  # type: ignore[no-any-return]
             "ground",
             (places, *frictions),
-            lambda: surfaces(course.terrain, pieces, friction_colours(frictions)),
+            lambda: surfaces(terrain, pieces, friction_colours(frictions)),
         )
 
-    def asked(self, _scenario: Scenario, answer: SceneAnswer) -> Scene:
-        """Without a plan: where the body was asked to go, and what is lacking."""
+    def asked(self, scenario: Scenario, answer: SceneAnswer) -> Scene:
+        """Without a plan: where the body was asked to go, and what is lacking; of a walk a straight
+        line on the ground to the goal.
+        """
+        if isinstance(scenario.given, Walk):
+            return _to_goal(scenario, scenario.given)
         course = answer.course
-        if not isinstance(course, Problem):
+        if course is None or isinstance(course, Walk):
             return Scene()
         return asked(course, self.shape(course.robot), answer.lack)
 
-    def found(self, view: PlanView) -> Scene:
-        """The way of a plan, the tracks of its toes, and its robot at some key frames in thin
-        lines.
+    def found(self, view: View) -> Scene:
+        """The way of a motion; of a plan also the tracks of its toes, and its robot at some key
+        frames in thin lines.
         """
-        scene = _between(view.way) + view.tracks
-        for k in ghosts(view.plan, view.plan.problem.frames - 1):
-            ghost = view.ghost(view.key(k))
-            scene += Scene(paths=ghost.paths)
+        scene = _between(view.way)
+        if isinstance(view, PlanView):
+            scene += view.tracks
+            for k in ghosts(view.plan, view.plan.problem.frames - 1):
+                scene += Scene(paths=view.ghost(view.key(k)).paths)
         return scene
 
-    def moment(self, view: PlanView, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
-        """The robot and its forces in their cones at a key frame or between two, what they are
-        called, in N, what its limbs give, and what moment that is.
+    def moment(self, view: View, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
+        """The robot and its forces at a time, what they are called, in N, what its limbs give, and
+        what moment that is.
         """
-        frame = round(at)
-        rests = abs(at - frame) < 0.01
-        now = view.key(frame) if rests else view.between_keys(at)
-        title = f"key frame {frame} of {view.plan.problem.frames - 1}"
-        if not rests:
-            title = f"between key frames {int(at)} and {int(at) + 1}"
-        limbs = loads(view, now, self._legs(view.plan.problem), view.near_rad(now))
-        return view.moving(now), Scene(labels=view.force_labels(now)), limbs, title
+        now, scene, title = view.seen(at)
+        solver = self._legs(view.plan.problem) if isinstance(view, PlanView) else None
+        limbs = loads(view, now, solver, view.near_rad(now))
+        return scene, Scene(labels=view.force_labels(now)), limbs, title
 
     def _legs(self, course: Problem) -> Kinematics | None:
         """The solver for the robot, made once."""
         robot = course.robot
         key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
-        return self._kept("solver", key, lambda: solver_of(course))  # type: ignore[no-any-return]
-
-    summary, verdict = staticmethod(summary), staticmethod(verdict)
+        return self._kept("solver", key, lambda: solver_of(robot, course.gravity_m_s2))  # type: ignore[no-any-return]
 
 
 def _between(scene: Scene) -> Scene:
@@ -170,100 +184,40 @@ def _between(scene: Scene) -> Scene:
     return replace(scene, bodies=bodies, paths=paths)
 
 
-def bounds_m(course: Problem) -> Array:
+def bounds_m(course: Problem | Leap) -> Array:
     """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs
     reach, in steps.
     """
     reach = max(
         limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs
     )
-    around = max(_AROUND_M, 1.2 * reach)
-    com = np.vstack([course.com_nominal_m, course.goal_m[None]])
+    around, com = max(_AROUND_M, 1.2 * reach), way_of(course)
     low, high = com.min(axis=0) - around, com.max(axis=0) + around
     return _STEP_M * np.array([np.floor(low / _STEP_M), np.ceil(high / _STEP_M)])
 
 
-class WalkPictures:
-    """Draws a terrain with a way over it, and walks, as ``Pictures`` does courses."""
+def _heights(walk: Walk) -> Scene:
+    """All of a walk's terrain, with lines of constant x and y, ``GRID_M`` apart."""
+    field, size_m = walk.terrain, walk.robot.stand_height_m
+    low, high = np.array(field.domain_m).T
+    sheets = block(field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m)
+    lines = grid_on_ground(field, low, high, GRID_M, 8 * CELLS)
+    grid = Line(pieces_m=lines, colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
+    return Scene(sheets=sheets, paths=[grid])
 
-    tab, unit = "Walk", "time [s]"
 
-    def __init__(self, scenario: WalkScenario) -> None:
-        self._first = scenario
-
-    def camera(self, *_: Any) -> tuple[Array, float, Array]:
-        """The first view of a walk."""
-        walk = self._first
-        start, goal = map(np.array, (walk.start_m, walk.goal_m))
-        away_m = 2.2 * (float(np.hypot(*(start - goal))) + 3.0 * walk.walker.stand_height_m)
-        middle = 0.5 * (walk.torso_m(walk.start_m) + walk.torso_m(walk.goal_m))
-        return middle, away_m, from_behind(np.array([-0.45, -0.75, 0.5]), start, goal)
-
-    def shown(self, _: Any, answer: SceneAnswer, at: float) -> tuple[float, float]:
-        """A walk is shown from its beginning."""
-        duration_s = getattr(answer.plan, "duration_s", 0.0)
-        return 0.0, duration_s
-
-    def view(self, trajectory: Trajectory) -> GaitView:
-        """A walk as something to look at."""
-        return GaitView(trajectory, moves_as=feet_motion(trajectory))
-
-    def ground(self, _: Any) -> Scene:
-        """All of the terrain, with lines of constant x and y, ``GRID_M`` apart."""
-        return self._ground
-
-    @cached_property
-    def _ground(self) -> Scene:
-        field, size_m = self._first.terrain, self._first.walker.stand_height_m
-        low, high = np.array(field.domain_m).T
-        sheets = block(
-            field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m
-        )
-        lines = grid_on_ground(field, low, high, GRID_M, 8 * CELLS)
-        grid = Line(pieces_m=lines, colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
-        return Scene(sheets=sheets, paths=[grid])
-
-    def asked(self, scenario: WalkScenario, _: SceneAnswer) -> Scene:
-        """A straight line on the ground from start to goal, and the goal."""
-        line = np.linspace(scenario.start_m, scenario.goal_m, 81)
-        low, high = np.array(scenario.terrain.domain_m).T
-        laid = on_ground(np.column_stack([line, 0.0 * line[:, :1]]), scenario.terrain, low, high)
-        ball = DrawnBody(
-            name="goal",
-            shape=Sphere(0.06 * scenario.walker.stand_height_m),
-            position_m=scenario.torso_m(scenario.goal_m),
-            colour=GOAL,
-        )
-        way = Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)
-        return Scene(paths=[way], bodies=[ball])
-
-    def found(self, view: GaitView) -> Scene:
-        """The ways of a walk."""
-        return Scene(paths=view.fixed.paths[1:])
-
-    def moment(self, view: GaitView, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
-        """The robot at a time, the contact forces on its feet in words, and as loads."""
-        now = view.now(at)
-        labels = [
-            each for each, down in zip(view.force_labels(now), now.stands, strict=True) if down
-        ]
-        title = f"{at:.2f} s of {view.trajectory.duration_s:g} s"
-        return view.moment(at), Scene(labels=labels), loads(view, now), title
-
-    def summary(self, answer: SceneAnswer) -> str:
-        """The walk in a few numbers, as HTML; empty without one."""
-        walk = answer.plan
-        if walk is None or not walk.has("times_s"):
-            return ""
-        length = float(np.linalg.norm(np.diff(walk.torso_m, axis=0), axis=1).sum())
-        rows = [
-            ("robot", f"{walk.robot.name}, {walk.robot.mass_kg:.3g} kg"),
-            ("way", f"{length:.2f} m in {walk.duration_s:g} s"),
-            ("chart", str(walk.provenance.get("chart", "–"))),
-        ]
-        return key_values(rows)
-
-    verdict = staticmethod(verdict_of_walk)
+def _to_goal(scenario: Scenario, walk: Walk) -> Scene:
+    """A straight line on the ground from start to goal, and the goal."""
+    start, goal = (grip.position_m for grip in scenario.grips(None))
+    laid = on_ground(np.linspace(start, goal, 81), walk.terrain, *np.array(walk.terrain.domain_m).T)
+    ball = DrawnBody(
+        name="goal",
+        shape=Sphere(0.06 * walk.robot.stand_height_m),
+        position_m=goal,
+        colour=GOAL,
+    )
+    way = Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)
+    return Scene(paths=[way], bodies=[ball])
 
 
 def save_plan(answer: SceneAnswer, folder: Path, name: str, kind: str = "plan") -> Path:
@@ -331,13 +285,11 @@ class Playground:
     ) -> None:
         course, gui = scenario.course(), server.gui
         self._server, self._folder, self._lock = server, folder, threading.RLock()
-        self._look: Any = (
-            WalkPictures(scenario) if isinstance(scenario, WalkScenario) else Pictures()
-        )
-        self._answer, self._view = quick_answer(scenario), None
+        self._look, self._answer = Pictures(), quick_answer(scenario)
+        self._view: View | None = None
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         server.scene.configure_default_lights(cast_shadow=False)
-        middle, away_m, towards = self._look.camera(course, self._answer)
+        middle, away_m, towards = self._look.camera(scenario, self._answer)
         let_camera(server, middle, away_m, towards)
         self._stage = Stage(server.scene, away_m)
         gui.set_panel_label(f"Stancekit playground: {scenario.name}")
@@ -353,16 +305,18 @@ class Playground:
             self._robot = names[0]
             self._menu = gui.add_dropdown("robot", names, initial_value=self._robot)
             self._menu.on_update(self._robot_chosen)
-        self._lay_out(gui, walks=isinstance(scenario, WalkScenario))
+        self._lay_out(gui, course)
         panel = gui.add_panel()
-        with panel.add_tab(self._look.tab):
+        with panel.add_tab("Walk" if isinstance(course, Walk) else "Plan"):
             self._verdict, self._summary = gui.add_html(""), gui.add_html("")
-            self._player = Player(gui, self._look.unit, self._move, self._lock)
+            unit = "key frame" if isinstance(course, Problem) else "time [s]"
+            self._player = Player(gui, unit, self._move, self._lock)
             self._limbs = gui.add_html("")
         panel.dock_right()
         panel.set_width(380)
         server.on_client_disconnect(lambda _: self._controls.let_go())
-        self._player.show(*self._look.shown(SceneAnswer(), SceneAnswer(course=course), 0.0))
+        first = SceneAnswer(course=course)
+        self._player.show(*self._look.shown(SceneAnswer(), first, None, 0.0))
         self.session = Session(scenario, self._draw)
         self._controls.update(scenario.sliders(), scenario.grips(course))
         self.session.start()
@@ -376,19 +330,20 @@ class Playground:
         self._player.stop()
         self.session.close()
 
-    def _lay_out(self, gui: Any, *, walks: bool) -> None:
+    def _lay_out(self, gui: Any, course: Question) -> None:
         """Add the files, and of a course the button that picks a surface."""
-        kind, reader = ("walk" if walks else "plan"), "stancekit verify"
+        kind, reader = ("walk" if isinstance(course, Walk) else "plan"), "stancekit verify"
         saves: dict[str, tuple[Callable[[str], Path], str]] = {
             kind: (lambda name: save_plan(self._answer, self._folder, name, kind), reader)
         }
-        if walks:
+        if isinstance(course, Walk):
             Files(gui, self._folder, saves)
             return
-        self._picker = gui.add_button(
-            _PICK, hint="The next click on a surface gives it a grip and a friction."
-        )
-        self._picker.on_click(self._pick)
+        if isinstance(course, Problem):
+            self._picker = gui.add_button(
+                _PICK, hint="The next click on a surface gives it a grip and a friction."
+            )
+            self._picker.on_click(self._pick)
         saves["course"] = (
             lambda name: save_course(self.session.scenario, self._folder, name),
             "stancekit plan",
@@ -403,7 +358,7 @@ class Playground:
     # -----------------------------------------------------------------------------------------------
     # what changes
 
-    def _change(self, edit: Callable[[Any], Any]) -> bool:
+    def _change(self, edit: Callable[[Scenario], Scenario]) -> bool:
         """Ask another question, made of the newest; whether that was possible."""
         try:
             self.session.change(edit)
@@ -434,13 +389,12 @@ class Playground:
         self._server.scene.remove_click_callback()
         self._picker.label = _PICK
         course = self._answer.course
-        hit = None
         if isinstance(course, Problem):
             hit = struck(course, event.ray_origin, event.ray_direction)
-        if hit is None:
-            self._notify("no surface was there; press the button and click once more")
-        else:
-            self._change(lambda scenario: scenario.picked(course, hit))
+            if hit is not None:
+                self._change(lambda scenario: scenario.picked(course, hit))
+                return
+        self._notify("no surface was there; press the button and click once more")
 
     # ------------------------------------------------------------------------------------------------
     # what is seen
@@ -450,13 +404,13 @@ class Playground:
         with self._lock:
             before, self._answer = self._answer, answer
             course, look = answer.course, self._look
+            self._view = None if answer.plan is None else look.view(answer.plan)
             with self._server.atomic():
                 if course is not None:
-                    self._player.show(*look.shown(before, answer, self._player.at))
+                    self._player.show(*look.shown(before, answer, self._view, self._player.at))
                     self._stage.show(look.ground(course), "/ground")
-                if course is not None or isinstance(scenario, WalkScenario):
+                if course is not None or isinstance(scenario.given, Walk):
                     self._controls.update(scenario.sliders(), scenario.grips(course))
-                self._view = None if answer.plan is None else look.view(answer.plan)
                 self._player.offer(self._view is not None)
                 if self._view is None:
                     self._stage.show(look.asked(scenario, answer), "/way")
@@ -467,12 +421,13 @@ class Playground:
                     self._stage.show(look.found(self._view), "/way")
                     self._pose()
                 drawn_ms = 1e3 * (time.perf_counter() - since)
-                self._verdict.content = look.verdict(answer, number, drawn_ms)
-                self._summary.content = look.summary(answer)
+                self._verdict.content = verdict(answer, number, drawn_ms)
+                self._summary.content = summary(answer)
             self._server.flush()
 
     def _pose(self) -> None:
         """The robot at the time that is shown, and what its limbs give then."""
+        assert self._view is not None
         scene, names, limbs, title = self._look.moment(self._view, self._player.at)
         self._stage.pose(scene)
         self._stage.show(names, "/names")

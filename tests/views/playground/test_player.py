@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -12,16 +11,19 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.formats.motion_file import read_motion
+from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
+from stancekit.planners.problem.leap_classes import leap_from_keys
+from stancekit.planners.problem.walk import Walk
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.explain import Relaxation, _change
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.views.playground.answers import Judge, quick_answer
+from stancekit.views.playground.answers import Session, patient_answer, quick_answer
 from stancekit.views.playground.page_parts import Player, explained, from_behind
-from stancekit.views.playground.scenario import FixedScenario, KeysScenario, WalkScenario
+from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import served
-from tests.emulators.chromium import CHROMIUM, opened
+from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 from tests.emulators.playground import middle_of, pixel_of
 from tests.refusals import assert_names, refuses
 
@@ -52,15 +54,24 @@ class Gui:
 
 @pytest.fixture
 def played():
-    gui, seen, moved = Gui(), [], threading.Semaphore(0)
+    gui, seen, due, moved = Gui(), [], threading.Semaphore(0), threading.Semaphore(0)
+
+    def pause(stop):  # a clock that goes when the test lets it
+        due.acquire()
+        return stop.is_set()
 
     def on_time():
         seen.append(player.at)
         moved.release()
         return player.at != 3.0  # as if nothing were to be seen then
 
-    player = Player(gui, "s", on_time, threading.RLock())
-    return gui, player, seen, moved
+    def tick():
+        due.release()
+        return moved.acquire(timeout=PATIENCE_S)
+
+    player = Player(gui, "s", on_time, threading.RLock(), pause)
+    yield gui, player, seen, tick
+    due.release()  # its thread ends
 
 
 def test_a_slider_shows_another_time_when_a_person_slides_it(played):
@@ -77,27 +88,27 @@ def test_a_slider_shows_another_time_when_a_person_slides_it(played):
 
 
 def test_it_plays_from_the_beginning_to_the_end_and_again_until_it_is_stopped(played):
-    gui, player, seen, moved = played
+    gui, player, seen, tick = played
     player.show(0.5, 0.5)
     gui.button.call(None)
     assert gui.button.label == "stop"
     for _ in range(11):
-        assert moved.acquire(timeout=20.0)
+        assert tick()
     gui.button.call(None)
     assert gui.button.label == "play"
     assert seen[:3] == pytest.approx([0.0, 1 / 15, 2 / 15])
     assert seen[8:10] == pytest.approx([0.5, 0.0])
+    assert len(seen) == 11
 
 
-PATIENCE_S = 120.0
 VERDICT = "document.querySelector('#verdict')"
 
 
 @pytest.fixture(scope="module")
-def scenario() -> WalkScenario:
+def scenario() -> Scenario:
     """A short walk over a swell."""
     field = HeightField.from_function(lambda x, y: 0.03 * np.sin(2.0 * x), 2.0, 0.1, name="swell")
-    return WalkScenario.of(field, "anymal", goal_m=(0.5, 0.1))
+    return Scenario.about(Walk.over(field, (0.5, 0.1), robot="anymal"), "anymal")
 
 
 def test_a_walk_takes_its_time_until_that_is_slid(scenario):
@@ -106,56 +117,53 @@ def test_a_walk_takes_its_time_until_that_is_slid(scenario):
     assert far.takes_s == 6.0
     assert far.slid("duration_s", 8.0).takes_s == 8.0
     assert far.slid("friction", 0.3).course().friction == 0.3
-    start, goal = far.grips()
+    start, goal = far.grips(None)
     assert goal.position_m == pytest.approx(
-        [1.5, 0.0, 0.03 * np.sin(3.0) + far.walker.stand_height_m], abs=1e-3
+        [1.5, 0.0, 0.03 * np.sin(3.0) + far.given.robot.stand_height_m], abs=1e-3
     )
     assert start.axes == (True, True, False)
     with refuses("goal"):
         scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).course()
 
 
-def test_only_the_last_walk_that_is_asked_for_is_answered(scenario):
-    answers, done = [], threading.Event()
+@pytest.fixture
+def planning(scenario):
+    """A session that plans a walk, what it says, and whether there is an end of it."""
+    said, begun, done = [], threading.Event(), threading.Event()
 
-    def on_answer(number, answer):
-        answers.append((number, answer))
-        if answer.patient:
+    def on_answer(number, _scenario, answer, _since):
+        said.append((number, answer))
+        if "iteration" in answer.message:
+            begun.set()
+        if answer.patient or "process" in answer.message:
             done.set()
 
-    judge = Judge(on_answer)
-    judge.ask(1, scenario.dragged("goal", np.array([1.2, 0.4, 0.0])))
-    judge.drop(ends=True)
-    judge.ask(2, scenario)
+    session = Session(scenario, on_answer, rest_s=0.0)
+    session.start()
+    assert begun.wait(PATIENCE_S)
+    yield session, said, done
+    session.close()
+
+
+def test_only_the_last_walk_that_is_asked_for_is_answered(planning):
+    session, said, done = planning
+    session.change(lambda scenario: scenario.dragged("goal", np.array([0.45, 0.1, 0.0])))
     assert done.wait(PATIENCE_S)
-    judge.close()
-    assert {number for number, answer in answers if answer.patient} == {2}
-    found = answers[-1][1]
+    assert {number for number, answer in said if answer.patient} == {1}
+    found = said[-1][1]
     assert found.accepted
     assert check_trajectory(found.plan).accepted
-    assert found.plan.torso_m[-1, :2] == pytest.approx([0.5, 0.1], abs=1e-3)
+    assert found.plan.torso_m[-1, :2] == pytest.approx([0.45, 0.1], abs=1e-3)
+    assert not [answer for _, answer in said if "process" in answer.message]
 
 
-def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario):
-    answers, told = [], threading.Event()
-
-    def on_answer(number, answer):
-        answers.append((number, answer))
-        if "process" in answer.message:
-            told.set()
-
-    judge = Judge(on_answer)
-    judge.ask(1, scenario)
-    judge.drop(ends=True)
-    judge.ask(2, scenario)
-    while judge._process is None:
-        time.sleep(0.01)
-    judge._process.kill()  # not all that there are: another test's workers may live in this process, too
-    assert told.wait(PATIENCE_S)
-    judge.close()
-    assert {number for number, _ in answers} == {2}
-    assert not answers[-1][1].accepted
-    assert_names(answers[-1][1].message, "process")
+def test_a_planning_that_is_killed_is_told(planning):
+    session, said, done = planning
+    session._judge._process.kill()  # not all that there are: another test's workers may live here
+    assert done.wait(PATIENCE_S)
+    assert {number for number, _ in said} == {0}
+    assert not said[-1][1].accepted
+    assert_names(said[-1][1].message, "process")
 
 
 @pytest.mark.skipif(
@@ -169,21 +177,18 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
         tab.wait_for("document.querySelector('#limbs') !== null")
         assert "Accepted" in tab.text()
-        goal = page.playground.session.scenario.torso_m(page.playground.session.scenario.goal_m)
+        goal = page.playground.session.scenario.grips(None)[1].position_m
         east = np.array([1.0, 0.0, 0.0])
         tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
         tab.wait_for(f"{VERDICT}.dataset.change > 0")
-        until = time.monotonic() + PATIENCE_S
         session = page.playground.session
-        while session._judged != session.number or not page.playground._answer.patient:
-            assert time.monotonic() < until, (
-                page.playground._answer
-            )  # the last of the drag's changes
-            time.sleep(0.05)
+        tab.until(lambda: session._judged == session.number and page.playground._answer.patient)
         tab.wait_for(
             f"{VERDICT}.dataset.change === '{page.playground.session.number}' && {VERDICT}.dataset.patient === '1'"
         )
-        assert page.playground.session.scenario.goal_m == pytest.approx((0.56, 0.1), abs=0.02)
+        assert page.playground.session.scenario.course().goal == pytest.approx(
+            (0.56, 0.1), abs=0.02
+        )
         tab.click(
             *middle_of(
                 tab,
@@ -193,12 +198,13 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         tab.wait_for("document.querySelector('#saved') !== null")
     trajectory = read_motion(tmp_path / "played-walk.json")[0]
     assert check_trajectory(trajectory).accepted
-    assert trajectory.problem.goal == pytest.approx(page.playground.session.scenario.goal_m)
+    assert trajectory.problem.goal == pytest.approx(page.playground.session.scenario.course().goal)
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():
-    said = explained(["LF", "RM", "LH", "FL_foot"])
-    assert said.startswith("LF left front, RM right middle, LH left hind, as the robot looks. ")
+    assert explained(["LF", "RM", "LH", "FL_foot"]).startswith(
+        "LF left front, RM right middle, LH left hind, as the robot looks. "
+    )
     assert explained(["arm"]).startswith("Cone: ")
 
 
@@ -235,20 +241,16 @@ def read_again(scenario, folder):
     return read_course(folder / f"again{suffix}")
 
 
-def slider(scenario, key):
-    return next(each for each in scenario.sliders() if each.key == key)
-
-
 @pytest.mark.parametrize("name", [*builtin_courses(), "stones:0.3:1"])
 def test_a_scene_that_nobody_changed_is_the_course_and_so_is_its_file(name, tmp_path):
-    scenario = KeysScenario.of(name)
+    scenario = Scenario.of(name)
     assert course_difference(scenario.course(), read_course(name)) == ""
     assert course_difference(read_again(scenario, tmp_path), read_course(name)) == ""
 
 
 @pytest.mark.parametrize("name", ["walls", "stairs", "ground-to-wall"])
 def test_a_goal_that_is_dragged_is_where_the_way_ends_and_frames_follow(name, tmp_path):
-    scenario = KeysScenario.of(name)
+    scenario = Scenario.of(name)
     before = scenario.course()
     goal = before.goal_m + np.array([0.02, 0.01, 0.03])
     after = scenario.dragged("goal", goal)
@@ -257,19 +259,17 @@ def test_a_goal_that_is_dragged_is_where_the_way_ends_and_frames_follow(name, tm
     way = np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1)
     assert way.max() <= scenario.stride_m + 1e-9
     assert course.frames > before.frames
-    slid = after.slid("frames", 5).dragged("goal", before.goal_m)
-    assert slid.course().frames == 5
+    assert after.slid("frames", 5).dragged("goal", before.goal_m).course().frames == 5
     assert course_difference(read_again(after, tmp_path), course) == ""
 
 
 def test_walls_move_by_their_grips_and_sliders():
-    scenario = KeysScenario.of("walls")
+    scenario = Scenario.of("walls")
     left = next(grip for grip in scenario.grips(scenario.course()) if grip.key == "left wall")
     assert left.position_m[1] == pytest.approx(0.38)
     assert left.axes == (False, True, False)
     moved = scenario.dragged("left wall", left.position_m + np.array([0.0, 0.03, 0.0]))
-    planes = [patch.centre_m[1] for patch in moved.course().terrain]
-    assert planes == pytest.approx([0.41, -0.38])
+    assert [p.centre_m[1] for p in moved.course().terrain] == pytest.approx([0.41, -0.38])
     assert [p.centre_m[1] for p in moved.slid("apart_m", 0.35).course().terrain] == pytest.approx(
         [0.38, -0.35]
     )
@@ -278,7 +278,7 @@ def test_walls_move_by_their_grips_and_sliders():
 
 
 def test_a_picked_surface_becomes_a_polygon_with_its_own_place_and_friction(tmp_path):
-    scenario = KeysScenario.of("icy-walls")
+    scenario = Scenario.of("icy-walls")
     course = scenario.course()
     picked = scenario.picked(course, 7)
     assert course_difference(picked.course(), course) == ""
@@ -291,16 +291,17 @@ def test_a_picked_surface_becomes_a_polygon_with_its_own_place_and_friction(tmp_
 
 
 def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
-    scenario = KeysScenario.of("walls").slid("mass_kg", 20.0)
-    light, heavy = quick_answer(KeysScenario.of("walls")), quick_answer(scenario)
+    scenario = Scenario.of("walls").slid("mass_kg", 20.0)
+    light, heavy = quick_answer(Scenario.of("walls")), quick_answer(scenario)
     assert heavy.plan.problem.weight_n == pytest.approx(2.0 * light.plan.problem.weight_n)
     assert check_plan(heavy.plan).accepted
-    carried = heavy.plan.forces_n.sum(axis=1)
-    assert carried == pytest.approx(np.tile([0.0, 0.0, 20.0 * 9.81], (len(carried), 1)), abs=1e-3)
+    np.testing.assert_allclose(
+        heavy.plan.forces_n.sum(axis=1) - [0.0, 0.0, 20.0 * 9.81], 0.0, atol=1e-3
+    )
 
 
 def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
-    answer = quick_answer(KeysScenario.of("walls").slid("friction", 0.0))
+    answer = quick_answer(Scenario.of("walls").slid("friction", 0.0))
     assert answer.status is Status.INFEASIBLE
     assert answer.plan is None
     assert_names(answer.message, "friction", "0", "0.303")
@@ -325,24 +326,37 @@ def test_without_friction_there_is_no_plan_and_the_sentence_names_it():
     ],
 )
 def test_what_makes_no_sense_is_one_sentence(change, name):
-    answer = quick_answer(change(KeysScenario.of("walls")))
+    answer = quick_answer(change(Scenario.of("walls")))
     assert answer.course is None
     assert answer.plan is None
     assert_names(answer.message, name)
 
 
 def test_another_robot_stands_as_it_does(tmp_path):
-    scenario = KeysScenario.of("stairs", frames=3)
-    model = tmp_path / "robot.yaml"
+    scenario = Scenario.of("stairs", frames=3)
     with refuses("robot"):
-        scenario.with_robot(str(model))
+        scenario.with_robot(str(tmp_path / "robot.yaml"))
     again = replace(scenario, keys={**scenario.keys, "robot": "hexapod"}).with_robot("hexapod")
     assert course_difference(again.course(), scenario.course()) == ""
 
 
+def test_a_leap_is_dragged_and_judged(tmp_path):
+    leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
+    scenario, goal = Scenario.about(leap), leap.goal.com_m + np.array([0.02, 0.0, 0.0])
+    assert [grip.key for grip in scenario.grips(leap)] == ["goal"]
+    (tmp_path / "again.json").write_text(scenario.text()[1], encoding="utf-8")
+    assert read_leap(tmp_path / "again.json", None).to_json() == leap.to_json()
+    answer = patient_answer(scenario.dragged("goal", goal).slid("friction", 1.5))
+    assert answer.accepted
+    assert np.linalg.norm(answer.plan.com_m[-1] - goal) <= leap.goal_radius_m + 1e-6
+    frictions = [each.footholds[0].candidates[0].friction for each in (leap, answer.plan.problem)]
+    assert frictions[1] == pytest.approx(1.5 * frictions[0])
+    assert not quick_answer(scenario.slid("friction", 0.0)).accepted
+
+
 def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path):
     course = read_course("stairs")
-    scenario = FixedScenario(laid=course).picked(course, 3)
+    scenario = Scenario.about(course).picked(course, 3)
     by = np.array([0.01, 0.02, 0.005])
     moved = scenario.dragged("surface", course.terrain[3].centre_m + by).slid("surface", 0.5)
     found = moved.course()
