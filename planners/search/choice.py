@@ -314,10 +314,12 @@ class ChoiceSearch:
         self.bound = bound if self.nodes == 1 else self.bound
         shares = lifted.scaled.by_candidate(lifted.shares, -1.0)
         choice = np.asarray(shares.argmax(axis=1), dtype=np.int_)
-        self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - _WHOLE else None)
-        self._mend(
-            choice, np.where(opened > 0.0, np.log(np.maximum(shares, 0.0) + _SCARCE), -np.inf)
-        )
+        if self._cuts.refuting(np.eye(self._scaled.options)[choice]) is None:
+            self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - _WHOLE else None)
+        else:
+            self._mend(
+                choice, np.where(opened > 0.0, np.log(np.maximum(shares, 0.0) + _SCARCE), -np.inf)
+            )
         nogood = self._nogoods.refuting(opened)
         if nogood is not None:
             self._prove(nogood, opened)
@@ -340,14 +342,10 @@ class ChoiceSearch:
         Arguments:
             preference: log of the shares, −inf where nothing is open, shape (P, options).
         """
-        for _ in range(_MENDS):
-            known = len(self._cuts.rows)
-            if self.found is None and not self._late():
-                self._try(
-                    self._dive(preference, choice.copy(), np.random.default_rng(0)), hasty=True
-                )
-            if len(self._cuts.rows) == known:
-                return
+        known, tries = -1, 0
+        while not (self.found or self._late()) and known < len(self._cuts.rows) and tries < _MENDS:
+            known, tries = len(self._cuts.rows), tries + 1
+            self._try(self._dive(preference, choice.copy(), np.random.default_rng(0)), hasty=True)
 
     def _split(self, opened: Array, shares: Array, choice: Index) -> tuple[int, int] | None:
         """Foothold and candidate to branch on; None where every choice is made."""
