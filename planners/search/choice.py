@@ -5,7 +5,8 @@ At every node the shares are rounded to a choice, and the lift on that choice al
 one-candidate program, is solved first: where it has no point, no projection can find a plan, and
 the multipliers that say so cost one small solve. These Farkas cuts are kept: they close other nodes
 without a solve, tell which foothold to branch on, the one whose other candidates weaken the cut
-most, and guide a dive before the first branching. Where the lift has a point and P2 finds no plan,
+most, and guide a dive before the first branching; a rounding that they refute is mended by the same
+dive. Where the lift has a point and P2 finds no plan,
 stances that cannot be held alone leave nogoods, which do the same.
 """
 
@@ -146,6 +147,8 @@ LEAST = 3e-6
 _DIVES, _SWEEPS, _CUT_PRICE, _GUMBEL = 12, 4, 200.0, 0.3
 """Numbers of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise
 on the preference."""
+_MENDS, _SCARCE = 4, 0.02
+"""Mended roundings of a node that are tried; what is added to a share before its logarithm."""
 _Project = Callable[[Scaled, Point, bool], Point]
 """A point of the lift on one choice of patches, on to the bilinear surface; in one try, or else
 patiently."""
@@ -311,7 +314,12 @@ class ChoiceSearch:
         self.bound = bound if self.nodes == 1 else self.bound
         shares = lifted.scaled.by_candidate(lifted.shares, -1.0)
         choice = np.asarray(shares.argmax(axis=1), dtype=np.int_)
-        self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - _WHOLE else None)
+        if self._cuts.refuting(np.eye(self._scaled.options)[choice]) is None:
+            self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - _WHOLE else None)
+        else:
+            self._mend(
+                choice, np.where(opened > 0.0, np.log(np.maximum(shares, 0.0) + _SCARCE), -np.inf)
+            )
         nogood = self._nogoods.refuting(opened)
         if nogood is not None:
             self._prove(nogood, opened)
@@ -327,6 +335,17 @@ class ChoiceSearch:
         on[p], off[p, r] = 0.0, 0.0
         on[p, r] = 1.0
         return [(bound, off), (bound, on)]
+
+    def _mend(self, choice: Index, preference: Array) -> None:
+        """Try what cuts leave of a rounding that they refute, as long as that teaches another cut.
+
+        Arguments:
+            preference: log of the shares, −inf where nothing is open, shape (P, options).
+        """
+        known, tries = -1, 0
+        while not (self.found or self._late()) and known < len(self._cuts.rows) and tries < _MENDS:
+            known, tries = len(self._cuts.rows), tries + 1
+            self._try(self._dive(preference, choice.copy(), np.random.default_rng(0)), hasty=True)
 
     def _split(self, opened: Array, shares: Array, choice: Index) -> tuple[int, int] | None:
         """Foothold and candidate to branch on; None where every choice is made."""

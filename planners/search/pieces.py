@@ -52,25 +52,26 @@ class Standing:
     @classmethod
     def at_end(cls, plan: Plan) -> Standing:
         """Pose at the end of a plan."""
+        problem = plan.problem
+        feet = [int(index) for index in problem.holds[-1]]
+        yaws = [(problem.footholds[foot].yaws_rad, int(plan.choice[foot])) for foot in feet]
         return cls(
             com_m=plan.com_m[-1],
             rotation_rad=plan.rotation_rad[-1],
-            toes_m=plan.toes_at(plan.problem.frames - 1),
-            patches=tuple(
-                plan.problem.patch(int(index), plan.choice) for index in plan.problem.holds[-1]
-            ),
-            yaws_rad=_yaws(plan) if plan.problem.has_soles else (),
+            toes_m=plan.toes_at(problem.frames - 1),
+            patches=tuple(problem.patch(foot, plan.choice) for foot in feet),
+            yaws_rad=tuple(each[chosen] if each else 0.0 for each, chosen in yaws)
+            if problem.has_soles
+            else (),
             angles_rad=None if plan.joints_rad is None else plan.joints_rad[-1],
         )
 
 
-def _yaws(plan: Plan) -> tuple[float, ...]:
-    """Yaw of every foot at the end of a plan [rad]."""
-    puts = [
-        (plan.problem.footholds[index].yaws_rad, int(plan.choice[index]))
-        for index in plan.problem.holds[-1]
-    ]
-    return tuple(yaws[chosen] if yaws else 0.0 for yaws, chosen in puts)
+def _at(course: Problem, frames: Sequence[int]) -> dict[str, Any]:
+    """Fields of a course that have a row per key frame, at these."""
+    names = ("com_nominal_m", "com_radius_m", "standing_m", "wrench", "modes")
+    rows = {name: getattr(course, name) for name in names}
+    return {name: [row[k] for k in frames] for name, row in rows.items() if row is not None}
 
 
 def course_window(
@@ -94,8 +95,8 @@ def course_window(
         raise InvalidInput(
             f"window: expected frames within 0 to {course.frames - 1}, got {first} to {last}"
         )
-    window, ends = slice(first, last + 1), last == course.frames - 1
-    com_m, radius_m = np.array(course.com_nominal_m[window]), np.array(course.com_radius_m[window])
+    fields, ends = _at(course, range(first, last + 1)), last == course.frames - 1
+    com_m, radius_m = fields["com_nominal_m"], fields["com_radius_m"]
     begun = [foothold for foothold in course.footholds if foothold.frame == 0]
     steps = course.steps
     if standing is not None:
@@ -116,23 +117,21 @@ def course_window(
             )
             for i, (limb, toe, patch) in each
         ]
-    footholds = [
-        replace(foothold, frame=foothold.frame - first)
-        for foothold in course.footholds
-        if first < foothold.frame <= last
-    ]
     return replace(
         course,
-        footholds=(*begun, *footholds),
+        footholds=(
+            *begun,
+            *(
+                replace(foothold, frame=foothold.frame - first)
+                for foothold in course.footholds
+                if first < foothold.frame <= last
+            ),
+        ),
         lifts=((), *course.lifts[first + 1 : last + 1]),
         next_lift=course.next_lift if ends else course.lifts[last + 1],
-        com_nominal_m=com_m,
-        com_radius_m=radius_m,
         goal_m=course.goal_m if ends else course.com_nominal_m[last],
         steps=steps,
-        modes=None if course.modes is None else course.modes[window],
-        standing_m=None if course.standing_m is None else course.standing_m[window],
-        wrench=None if course.wrench is None else course.wrench[window],
+        **fields,
     )
 
 
@@ -147,11 +146,7 @@ def with_pause(course: Problem, frame: int) -> Problem:
             replace(each, frame=each.frame + (each.frame > frame)) for each in course.footholds
         ),
         lifts=(*course.lifts[: frame + 1], (), *course.lifts[frame + 1 :]),
-        com_nominal_m=course.com_nominal_m[again],
-        com_radius_m=course.com_radius_m[again],
-        modes=None if course.modes is None else tuple(course.modes[k] for k in again),
-        standing_m=None if course.standing_m is None else course.standing_m[again],
-        wrench=None if course.wrench is None else course.wrench[again],
+        **_at(course, again),
     )
 
 
@@ -181,6 +176,7 @@ def one_at_a_time(course: Problem, first: int, last: int) -> Problem:
             parts.append(number / len(turns))
     before = np.maximum(np.array(of) - 1, 0)
     part = np.array(parts)[:, None]
+    com_m = (1.0 - part) * course.com_nominal_m[before] + part * course.com_nominal_m[of]
     return replace(
         course,
         footholds=tuple(
@@ -188,12 +184,8 @@ def one_at_a_time(course: Problem, first: int, last: int) -> Problem:
             for each in course.footholds
         ),
         lifts=tuple(lifts),
-        com_nominal_m=(1.0 - part) * course.com_nominal_m[before] + part * course.com_nominal_m[of],
-        com_radius_m=course.com_radius_m[of],
         steps=replace(course.steps, progress_m=course.steps.progress_m * min(parts)),
-        modes=None if course.modes is None else tuple(course.modes[k] for k in of),
-        standing_m=None if course.standing_m is None else course.standing_m[of],
-        wrench=None if course.wrench is None else course.wrench[of],
+        **_at(course, of) | {"com_nominal_m": com_m},
     )
 
 
@@ -279,8 +271,6 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
     """
     if course.has_soles:
         raise InvalidInput("windows: expected point feet to join plans of, got soles")
-    names = course.robot.limb_names
-    com, rotation = [plans[0].com_m], [plans[0].rotation_rad]
     toes, choice = dict[tuple[int, str], Array](), dict[tuple[int, str], int]()
     forces, first = dict[tuple[int, tuple[int, ...]], Array](), 0
     for number, plan in enumerate(plans):
@@ -291,25 +281,19 @@ def joined(course: Problem, plans: Sequence[Plan]) -> Plan:
         for index, stance in enumerate(plan.problem.stances):
             if stance.frame > 0 or number == 0:
                 forces[first + stance.frame, stance.limbs] = plan.forces_n[index]
-        if number:
-            com.append(plan.com_m[1:])
-            rotation.append(plan.rotation_rad[1:])
         first += plan.problem.frames - 1
-    joints = [
-        plan.joints_rad if number == 0 else plan.joints_rad[1:]
-        for number, plan in enumerate(plans)
-        if plan.joints_rad is not None
-    ]
+    own = [(plan, min(number, 1)) for number, plan in enumerate(plans)]
+    joints = [each.joints_rad[begin:] for each, begin in own if each.joints_rad is not None]
     whole = course_window(course, 0, first)
     order = [(foothold.frame, foothold.limb) for foothold in whole.footholds]
     return Plan(
         problem=whole,
-        com_m=np.vstack(com),
-        rotation_rad=np.vstack(rotation),
+        com_m=np.vstack([each.com_m[begin:] for each, begin in own]),
+        rotation_rad=np.vstack([each.rotation_rad[begin:] for each, begin in own]),
         toes_m=np.array([toes[key] for key in order]),
         choice=np.array([choice[key] for key in order]),
         forces_n=np.array([forces[stance.frame, stance.limbs] for stance in whole.stances]).reshape(
-            -1, len(names), 3
+            -1, len(course.robot.limbs), 3
         ),
         joints_rad=np.vstack(joints) if len(joints) == len(plans) else None,
         provenance={"windows": len(plans)},
@@ -441,17 +425,12 @@ def plan_pieces(
             last = course.frames - 1
         answer = _one(course, at, last, plans, piece, deadline)
         count += 1
-        accepted = answer.status is Status.FEASIBLE and answer.solution is not None
-        where = (count, at, last, course.frames - 1)
-        LOG.info("plan: piece %d, frames %d to %d of %d: %s", *where, answer.status)
-        if accepted:
-            assert answer.solution is not None
-            part = (
-                answer.solution
-                if last == course.frames - 1
-                else beginning(answer.solution, min(keep, last - at))
+        end, words = course.frames - 1, "plan: piece %d, frames %d to %d of %d: %s"
+        LOG.info(words, count, at, last, end, answer.status)
+        if answer.status is Status.FEASIBLE and answer.solution is not None:
+            add(
+                answer.solution if last == end else beginning(answer.solution, min(keep, last - at))
             )
-            add(part)
             backed = False
             continue
         late = time.perf_counter() > deadline
@@ -466,9 +445,12 @@ def plan_pieces(
                 )
                 backed = True
                 continue
-            plan = joined(course, plans) if plans else None
             return Pieces(
-                course=course, plan=plan, pieces=count, tried_m=tuple(tried), failed=answer
+                course=course,
+                plan=joined(course, plans) if plans else None,
+                pieces=count,
+                tried_m=tuple(tried),
+                failed=answer,
             )
         avoid.append(_failed_place(answer, course, at, last))
         if plans[-1].problem.frames - 1 > cycle:  # room to turn off before
@@ -506,16 +488,15 @@ def _one(
     course: Problem, at: int, last: int, plans: list[Plan], piece: _PlanPiece, deadline: float
 ) -> Answer[Plan]:
     """The answer of the piece from frame ``at`` to ``last``."""
-    state = Standing.at_end(plans[-1]) if plans else None
-    window = course_window(course, at, last, state)
-    now = time.perf_counter()
+    state, now = Standing.at_end(plans[-1]) if plans else None, time.perf_counter()
     left = max(1.0, (course.frames - 1 - at) / (PIECE - SHARED))
     until = (
         deadline
         if math.isinf(deadline)
         else min(deadline, now + _PATIENCE * (deadline - now) / left)
     )
-    return piece(window, None if state is None else state.angles_rad, until)
+    angles_rad = None if state is None else state.angles_rad
+    return piece(course_window(course, at, last, state), angles_rad, until)
 
 
 def _shorter(
@@ -538,24 +519,13 @@ def _shorter(
     return beginning(other.solution, length)
 
 
-def _failed_frame(answer: Answer[Plan]) -> float | None:
-    """The frame of the first violated group that names one in the report on a piece; None if there
-    is no report or no such group.
-    """
-    if answer.report is None:
-        return None
-    frames = [
-        float(group.when)
-        for group in answer.report.groups
-        if group.verdict == "violated" and group.when
-    ]
-    return frames[0] if frames else None
-
-
 def _failed_place(answer: Answer[Plan], course: Problem, at: int, last: int) -> Array:
-    """The body's place where a piece failed, or else in its middle, shape (2,) [m]."""
-    where = _failed_frame(answer)
-    frame = at + (PIECE // 2 if where is None else int(where))
+    """The body's place at the frame of the first violated group that names one in the report on a
+    piece that failed, or else in its middle, shape (2,) [m].
+    """
+    groups = () if answer.report is None else answer.report.groups
+    frames = [int(each.when) for each in groups if each.verdict == "violated" and each.when]
+    frame = at + (frames[0] if frames else PIECE // 2)
     return np.asarray(course.com_nominal_m[min(frame, last)][:2])
 
 

@@ -140,12 +140,10 @@ def test_legs_that_make_no_sense_are_refused(
 
 def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
     course = read_course("walls")
-    written = course.to_json()["robot"]
-    assert set(written) == {"name", "mass_kg", "limbs"}
+    assert set(course.to_json()["robot"]) == {"name", "mass_kg", "limbs"}
     assert Problem.from_json(course.to_json()).robot.drawn == Servo()
     heavy = replace(hexapod(), mass_kg=14.0)
-    read = Problem.from_json(replace(course, robot=heavy).to_json()).robot
-    assert read.drawn == Servo()
+    assert Problem.from_json(replace(course, robot=heavy).to_json()).robot.drawn == Servo()
     other = Robot(name="hexapod", mass_kg=10.0, limbs=hexapod().limbs[:4])
     assert other.drawn is None
     from stancekit.configs import config_path

@@ -99,6 +99,20 @@ def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_spea
         assert (choice < counts).all()
 
 
+def test_a_rounding_that_a_cut_refutes_is_mended_to_the_nearest_that_it_admits(
+    programs, climb, monkeypatch
+):
+    scaled, tried = Scaled.of(climb(5, **TORN)), []
+    refuted = nearest(scaled)
+    search = ChoiceSearch(programs, scaled, lambda *_: None, Clock.start(60.0), max_nodes=1)
+    monkeypatch.setattr(search, "_try", lambda choice, **_: tried.append(choice))
+    shares = np.eye(scaled.options)[refuted]
+    search._cuts.rows, search._cuts.tables = [np.zeros(1)], shares[None]
+    search._cuts.constants = np.array([0.5 - len(refuted)])  # of all of it, and of nothing less
+    search._mend(refuted, np.log(shares + 0.02))
+    assert [int((choice != refuted).sum()) for choice in tried] == [1]
+
+
 def test_at_its_limit_it_says_which_and_keeps_the_plan_that_it_has(climb, programs):
     course = climb(8, **TORN)
     assert not TwoStage(programs=programs).solve(course).details["guessed"]

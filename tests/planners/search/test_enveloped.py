@@ -109,8 +109,7 @@ def test_plans_step_as_far_and_would_not_without(climb, programs, make):
 @pytest.mark.parametrize("share", [0.5, 0.95])
 def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, programs, share):
     course = climb(4, frames=2)
-    found = TwoStage(programs=programs).solve(turned(course, share))
-    assert found.status is Status.FEASIBLE
+    assert TwoStage(programs=programs).solve(turned(course, share)).status is Status.FEASIBLE
     refuted = TwoStage(programs=programs).solve(turned(course, 2.0 - share))
     assert refuted.status is Status.INFEASIBLE
     assert_names(explain(refuted.certificate).message, "steps.least_rotation_rad")
@@ -119,8 +118,7 @@ def test_a_turn_from_corner_to_corner_is_found_and_no_farther_one(climb, program
 def test_a_toe_steps_from_corner_to_corner_and_no_farther(climb, programs):
     course = climb(4, frames=2)
     assert len(course.moves) >= 1
-    found = TwoStage(programs=programs).solve(stepped(course, 0.6))
-    assert found.status is Status.FEASIBLE
+    assert TwoStage(programs=programs).solve(stepped(course, 0.6)).status is Status.FEASIBLE
     refuted = TwoStage(programs=programs).solve(stepped(course, 1.05))
     assert refuted.status is Status.INFEASIBLE
     proof = refuted.certificate
@@ -132,8 +130,7 @@ def test_forged_proofs_are_refused(climb, programs):
     course = turned(climb(4, frames=2), 1.3)
     proof = TwoStage(programs=programs).solve(course).certificate
     assert check_certificate(proof).accepted
-    feasible = turned(climb(4, frames=2), 0.5)
-    assert not check_certificate(proof.of(feasible)).accepted
+    assert not check_certificate(proof.of(turned(climb(4, frames=2), 0.5))).accepted
     assert not check_certificate(proof.of(climb(4, frames=2))).accepted  # it has no such rows
     tree = np.array(proof.tree)
     for forged, name in (

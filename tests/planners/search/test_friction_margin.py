@@ -51,8 +51,7 @@ def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(
 ) -> None:
     plan = walk()
     planner = Picky(plan, 1e6)
-    outcome = plan_with_reserve(planner, plan.problem)
-    assert outcome.status is Status.INFEASIBLE
+    assert plan_with_reserve(planner, plan.problem).status is Status.INFEASIBLE
     assert planner.asked[-1] == plan.problem.footholds[0].candidates[0].friction
 
 

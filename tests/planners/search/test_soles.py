@@ -404,8 +404,7 @@ def test_the_yaw_that_carries_is_chosen_and_where_none_does_there_is_a_proof(mak
 
 
 def test_decoupled_plans_with_soles_or_says_that_it_cannot():
-    outcome = Decoupled().solve(beam_course(0.03, (0.0,)))
-    assert outcome.status is Status.FEASIBLE
+    assert Decoupled().solve(beam_course(0.03, (0.0,))).status is Status.FEASIBLE
 
 
 @pytest.fixture(scope="module")

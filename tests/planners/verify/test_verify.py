@@ -848,8 +848,7 @@ def test_a_malformed_tree_is_rejected_with_its_reason(tree, rows, name):
     report = check_certificate(proof.of(problem_of(ground(friction=0.0))))
     assert not report.accepted
     assert_names(report.message, name)
-    needs = explain(proof.of(problem_of(ground())))
-    assert needs.relaxations == ()
+    assert explain(proof.of(problem_of(ground()))).relaxations == ()
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, "columns", "flat"])
