@@ -36,6 +36,7 @@ from .correlation import (
     residuals,
     solved,
     sums_of,
+    sums_off,
 )
 from .footholds import FootholdLimits
 from .map_certainty import LEAST_STEP_M
@@ -197,13 +198,7 @@ def _lumps(
     """Cells about which the mean of a surface is off its plane by more than noise and roughness
     are; of exact heights each cell by itself.
     """
-    planes = fitted(labels, cells)[0]
-    lumps = np.zeros(labels.shape, dtype=bool)
-    if not len(planes):
-        return lumps
-    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
-    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
-    sums = np.stack([one, z - a * x - b * y - c * one])
+    lumps, sums = np.zeros(labels.shape, dtype=bool), sums_off(labels, cells)
     sides, rough = _LUMPS[noise_m < QUIET * limits.roughness_m]
     for side in sides:
         count, off = boxed(sums, side)
