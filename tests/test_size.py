@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3129, 42896),
     "learners": (5262, 77750),
-    "planners": (35272, 580098),
+    "planners": (35272, 580094),
     "runner": (6632, 90891),
     "views": (4311, 69522),
 }

@@ -238,11 +238,14 @@ def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     return planes.T, rms, sums[0]
 
 
-def sums_off(labels: Labels, cells: GroundCells) -> Array:
+def sums_off(labels: Labels, cells: GroundCells, planes: Array | None = None) -> Array:
     """How many samples each cell of a surface has, and the sum of their distances above its plane
     [m], 0 where there are none, shape (2, n, m).
+
+    Arguments:
+        planes: of the surfaces, fitted if missing, shape (S, 3).
     """
-    planes = fitted(labels, cells)[0]
+    planes = fitted(labels, cells)[0] if planes is None else planes
     if not len(planes):
         return np.zeros((2, *labels.shape))
     a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)

@@ -63,8 +63,9 @@ _STRAIGHT = 0.25
 _NEAR, _POCKET = 0.75, 1.0
 """Corners of an outline are left out that are no farther off, in cells; the second of one that then
 ends as much inside."""
-_TOUCHING = 0.05
-"""A cell that is no deeper inside of an outline is on its border, in cells."""
+_TOUCHING, _MOSTLY = 0.05, 0.8
+"""A cell that is no deeper inside of an outline is on its border, in cells; and the share of the
+border of two surfaces along which their planes cross where it is a crease."""
 
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
@@ -96,7 +97,7 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
 def _standing(terrain: ElevationMap, found: Footholds, rungs: list[MapRung]) -> Array:
     """Boxes of what stands on a map's surfaces and is no rung, shape (B, 6) [m]."""
     noise_m, level = found.noise_m or 0.0, terrain
-    if noise_m > QUIET * found.limits.roughness_m or terrain.points_m is not None:
+    if noise_m > QUIET * found.limits.roughness_m:
         level = on_surfaces(terrain, found.surfaces, noise_m)
     if rungs:
         shapely, heights = shapely_module(), np.array(level.heights_m)
@@ -211,8 +212,8 @@ def _planes_of(
         lines = rung.pieces(number, limits, friction)
         pieces += lines
         surfaces += rung.sides(friction)
-        bare_m2 = float(spacing**2 * rung.cells.sum()) - sum(line.area_m2 for line in lines)
-        refused["round"] += max(bare_m2, 0.0)
+        covered_m2 = sum(line.area_m2 for line in lines)
+        refused["round"] += max(float(spacing**2 * rung.cells.sum()) - covered_m2, 0.0)
     footholds = Footholds(
         name=terrain.name,
         pieces=tuple(pieces),
@@ -386,7 +387,9 @@ def _to_crease(mine: Array, others: Array, number: int, beside: Labels, planes: 
     here, there = (np.vecdot(apart[:, :2], cell) + apart[:, 2] for cell in (mine, others))
     crosses = (here * there <= 0.0) & (here != there)
     met = here / np.where(crosses, here - there, 1.0)
-    return np.asarray(np.where(crosses, met, np.abs(there) <= LEVEL_M) * (beside >= 0))
+    meets = (beside >= 0) & (crosses | (np.abs(there) <= LEVEL_M))
+    mostly = np.bincount(beside + 1, meets) >= _MOSTLY * np.bincount(beside + 1)
+    return np.asarray(np.where(crosses, met, 1.0) * (meets & mostly[beside + 1]))
 
 
 def _known(shape: Any, beside: Array) -> Any:

@@ -391,9 +391,7 @@ def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
     planes = fitted(labels, cells)[0]
     of = np.maximum(labels, 0)
     a, b, c = (planes[of, k] for k in range(3))
-    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
-    rest = z - a * x - b * y - c * one
-    box = boxed(np.stack([one, rest]), 2 * (side // 2) + 1)
+    box = boxed(sums_off(labels, cells, planes), 2 * (side // 2) + 1)
     i, j = np.indices(labels.shape)
     return np.asarray(a * i + b * j + c + box[1] / np.maximum(box[0], 0.5 * cells.weight))
 
