@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,18 +101,18 @@ class GroundCells:
         moments, corner = np.array(sums, dtype=np.float64), np.array([*low[:2], lowest])
         return cls(moments=moments, corner_m=corner, spacing_m=spacing, sparse=True)
 
-    @property
+    @cached_property
     def known(self) -> NDArray[np.bool_]:
         """Tell which cells have samples."""
         return np.asarray(self.moments[0] > 0.0)
 
-    @property
+    @cached_property
     def heights(self) -> Array:
         """Mean height of each cell's samples, NaN where there is none [m]."""
         with np.errstate(invalid="ignore", divide="ignore"):
             return np.asarray(self.moments[6] / self.moments[0])
 
-    @property
+    @cached_property
     def places(self) -> tuple[Array, Array]:
         """Mean place of each cell's samples, the middle of a cell that has none."""
         one = np.where(self.known, self.moments[0], 1.0)
@@ -237,17 +238,35 @@ def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     return planes.T, rms, sums[0]
 
 
+def sums_off(labels: Labels, cells: GroundCells, planes: Array | None = None) -> Array:
+    """How many samples each cell of a surface has, and the sum of their distances above its plane
+    [m], 0 where there are none, shape (2, n, m).
+
+    Arguments:
+        planes: of the surfaces, fitted if missing, shape (S, 3).
+    """
+    planes = fitted(labels, cells)[0] if planes is None else planes
+    if not len(planes):
+        return np.zeros((2, *labels.shape))
+    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
+    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
+    return np.stack([one, z - a * x - b * y - c * one])
+
+
 def residuals(labels: Labels, cells: GroundCells) -> Array:
     """Mean distance of each cell's samples above the plane of its surface, 0 where there are none,
     shape (n, m) [m].
     """
-    planes = fitted(labels, cells)[0]
-    if not len(planes):
-        return np.zeros(labels.shape)
-    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
-    one, x, y, z = (cells.moments[k] for k in (0, 1, 2, 6))
-    within = (labels >= 0) & (one > 0.0)
-    return np.where(within, z - a * x - b * y - c * one, 0.0) / np.where(within, one, 1.0)
+    one, off = sums_off(labels, cells)
+    return np.asarray(off / np.where(one > 0.0, one, 1.0))
+
+
+def inside(labels: Labels) -> NDArray[np.bool_]:
+    """Cells of a surface whose four neighbours are of it, shape (n, m)."""
+    padded, within = np.pad(labels, 1, constant_values=-1), labels >= 0
+    for u, v in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        within &= padded[u : u + len(labels), v : v + labels.shape[1]] == labels
+    return within
 
 
 def block_squares(

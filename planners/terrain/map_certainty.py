@@ -8,10 +8,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..files.arrays import Array
-from .correlation import GroundCells, Labels, block_squares, boxed, fitted, sums_of
+from .correlation import (
+    GroundCells,
+    Labels,
+    block_squares,
+    boxed,
+    fitted,
+    residuals,
+    sums_of,
+    sums_off,
+)
 from .footholds import TerrainPatch
 from .patch import Certainty
 from .polygon import half_planes
@@ -25,7 +33,7 @@ _UNSEEN = 0.5
 """How many of its own deviations the mean square of what a piece is off its plane may be larger than it seems."""
 _KNOWN = 4.0
 """The noise counts as much as so many blocks beside those of a surface."""
-_LEVEL_M = 1e-3
+LEVEL_M = 1e-3
 """Exact heights that are off their plane by no more are on it to a foot [m]."""
 LEAST_STEP_M, _BLURRED = 0.01, 1.5
 """A step lower than this is no edge to a foot [m]; and the most that noise moves an edge, in
@@ -40,7 +48,7 @@ def certainties(
     shape_m: float = 0.0,
     *,
     looked: bool = False,
-) -> list[Certainty]:
+) -> Sequence[Certainty | None]:
     """The certainty of each surface.
 
     Means over blocks of a surface are off its plane by the noise of means alone where it is a plane
@@ -103,7 +111,7 @@ def certainties(
     return result
 
 
-def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> list[Certainty | None]:
+def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> Sequence[Certainty | None]:
     """The certainty of each surface of exact heights: how far they are off its plane; None where
     that is nothing to a foot.
     """
@@ -112,10 +120,10 @@ def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> list[Cer
         return []
     own = labels >= 0
     largest = np.zeros(len(planes))
-    np.maximum.at(largest, labels[own], np.abs(_off_planes(labels, cells, planes))[own])
+    np.maximum.at(largest, labels[own], np.abs(residuals(labels, cells))[own])
     return [
         None
-        if largest[k] <= _LEVEL_M
+        if largest[k] <= LEVEL_M
         else Certainty(
             about_m=cells.corner_m[:2],
             covariance=np.zeros((3, 3)),
@@ -126,13 +134,6 @@ def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> list[Cer
     ]
 
 
-def _off_planes(labels: Labels, cells: GroundCells, planes: Array) -> Array:
-    """Heights above the plane of each cell's surface, shape (n, m) [m]."""
-    x, y = cells.places
-    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
-    return np.asarray(cells.heights - a * x - b * y - c)
-
-
 def excess_squares(
     labels: Labels, cells: GroundCells, noise_m: float, *, looked: bool = False
 ) -> Array:
@@ -140,28 +141,25 @@ def excess_squares(
     those of the noise; and those of the noise, shape (2, n, m) [m²], 0 where no deviation can hide
     in them.
     """
-    planes = fitted(labels, cells)[0]
-    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
-    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
     side = max(2 * round(0.5 * _PATH_M / cells.spacing_m) + 1, 3)
-    count, off = boxed(np.stack([one, z - a * x - b * y - c * one]), side)
+    count, off = boxed(sums_off(labels, cells), side)
     count = np.maximum(count, cells.weight)
     chance = noise_m**2 / count
     return np.stack([(off / count) ** 2 - chance, 0.0 * chance if looked else chance])
 
 
 def with_local(
-    pieces: Sequence[TerrainPatch], own: NDArray[np.bool_], cells: GroundCells, excess_m2: Array
+    pieces: Sequence[TerrainPatch], labels: Labels, cells: GroundCells, excess_m2: Array
 ) -> list[TerrainPatch]:
     """Pieces of a surface as rough as the ground is off the plane within each, if that is more.
 
     Arguments:
-        own: the surface's cells, shape (n, m).
+        labels: the surface of each cell, shape (n, m).
         excess_m2: as of ``excess_squares``.
     """
     result = []
     for piece in pieces:
-        inside = _cells_in(piece, own, cells)
+        inside = _cells_in(piece, labels, cells)
         off_m2, chance_m2 = excess_m2[:, *inside.T].mean(axis=1) if len(inside) else (0.0, 0.0)
         paths = max(len(inside) * (cells.spacing_m / _PATH_M) ** 2, 1.0)
         rough_m2 = max(off_m2 + _UNSEEN * chance_m2 * np.sqrt(2.0 / paths), 0.0)
@@ -170,30 +168,31 @@ def with_local(
 
 
 def with_largest(
-    pieces: Sequence[TerrainPatch], own: NDArray[np.bool_], cells: GroundCells, plane: Array
+    pieces: Sequence[TerrainPatch], labels: Labels, cells: GroundCells, plane: Array
 ) -> list[TerrainPatch]:
     """Pieces of a surface of exact heights, the largest that those of each are off the plane three
     deviations of its roughness, if that is more.
 
     Arguments:
-        own: the surface's cells, shape (n, m).
+        labels: the surface of each cell, shape (n, m).
         plane: a, b, c of a x + b y + c in cells, shape (3,).
     """
     result = []
     for piece in pieces:
-        i, j = _cells_in(piece, own, cells).T
+        i, j = _cells_in(piece, labels, cells).T
         off = np.abs(plane[0] * i + plane[1] * j + plane[2] - cells.heights[i, j])
         result.append(_no_smoother(piece, float(off.max(initial=0.0)) / 3.0))
     return result
 
 
-def _cells_in(piece: TerrainPatch, own: NDArray[np.bool_], cells: GroundCells) -> Labels:
+def _cells_in(piece: TerrainPatch, labels: Labels, cells: GroundCells) -> Labels:
     """Indices of a surface's cells within a cell of a piece, shape (K, 2)."""
     corners = (piece.patch.vertices_m[:, :2] - cells.corner_m[:2]) / cells.spacing_m
     low = np.maximum(np.floor(corners.min(axis=0)).astype(int) - 1, 0)
     high = np.ceil(corners.max(axis=0)).astype(int) + 2
     normals, offsets = half_planes(corners)
-    places = np.stack(np.nonzero(own[low[0] : high[0], low[1] : high[1]]), axis=-1) + low
+    own = labels[low[0] : high[0], low[1] : high[1]] == piece.surface
+    places = np.stack(np.nonzero(own), axis=-1) + low
     return np.asarray(places[np.all(places @ normals.T <= offsets + 1.0, axis=1)])
 
 

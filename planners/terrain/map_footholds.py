@@ -7,7 +7,6 @@ pieces.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -25,6 +24,7 @@ from .correlation import (
     Noise,
     correlated_noise,
     fitted,
+    inside,
     noise_of_residuals,
     renumbered,
 )
@@ -32,6 +32,7 @@ from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import (
+    LEVEL_M,
     certainties,
     excess_squares,
     roughnesses,
@@ -59,8 +60,12 @@ _FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
 _STRAIGHT = 0.25
 """The outline that bodies keep out of is made simpler by no more than this, in cells."""
-_POCKET = 1.0
-"""An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
+_NEAR, _POCKET = 0.75, 1.0
+"""Corners of an outline are left out that are no farther off, in cells; the second of one that then
+ends as much inside."""
+_TOUCHING, _MOSTLY = 0.05, 0.8
+"""A cell that is no deeper inside of an outline is on its border, in cells; and the share of the
+border of two surfaces along which their planes cross where it is a crease."""
 
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
@@ -91,8 +96,9 @@ def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float
 
 def _standing(terrain: ElevationMap, found: Footholds, rungs: list[MapRung]) -> Array:
     """Boxes of what stands on a map's surfaces and is no rung, shape (B, 6) [m]."""
-    noise_m = found.noise_m or 0.0
-    level = on_surfaces(terrain, found.surfaces, noise_m)
+    noise_m, level = found.noise_m or 0.0, terrain
+    if noise_m > QUIET * found.limits.roughness_m:
+        level = on_surfaces(terrain, found.surfaces, noise_m)
     if rungs:
         shapely, heights = shapely_module(), np.array(level.heights_m)
         bars = shapely.union_all(
@@ -137,9 +143,6 @@ def _planes_of(
     if rungs:
         known = known & ~barred
         labels = renumbered(np.where(barred, -1, labels))
-    if noisy and not noise.correlated:
-        noise = noise_of_residuals(labels, cells, noise_m)
-        cells = _counted(cells, noise)
     most_rms = float(np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0))
     planes, rms, count = fitted(labels, cells)
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
@@ -156,29 +159,30 @@ def _planes_of(
     steep = narrow & (rise > np.tan(limits.slope_rad))
     narrow &= ~steep
     free &= ~steep
-    refused["steep"] = float(area_m2[flat & ~level].sum())
-    refused["steep"] += float(spacing**2 * np.hypot(1.0, rise[steep]).sum())
+    steep_m2 = spacing**2 * np.hypot(1.0, rise[steep]).sum()
+    refused["steep"] = float(area_m2[flat & ~level].sum() + steep_m2)
     refused["small"] = float(spacing**2 * narrow.sum())
     refused["rough"] = float(spacing**2 * (known & free & ~narrow).sum() + area_m2[~flat].sum())
     refused["hole"] = float(spacing**2 * (~known & ~barred & free).sum())
     if noisy:
         bumps_m = np.sqrt(noise.correlated) * noise_m if limits.noise_m is None else 0.0
-        sure, excess_m2 = _noisy_shapes(labels, cells, limits, noise_m, bumps_m, unseen_m)
+        shape_m, looked = float(np.hypot(bumps_m, _HIDDEN * unseen_m)), unseen_m > 0.0
+        sure = certainties(labels, cells, noise_m, limits.inset_m, shape_m, looked=looked)
+        excess_m2 = excess_squares(labels, cells, noise_m, looked=looked)
     else:
         sure, excess_m2 = roughnesses(labels, cells, limits.inset_m), np.zeros(0)
     counted = cells.moments[0] if terrain.samples is None or cells.sparse else terrain.samples
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
+    padded = np.pad(labels, 1, constant_values=-1)
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
         if where is None or not (flat[number] and level[number]):
             continue
         a, b, c = planes[number]
-        middle = cells.corner_m + np.array([0.0, 0.0, c])
         normal = normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
-        plane = Plane.through(middle, normal)
-        corner = (where[0].start, where[1].start)
-        mine = labels[where] == number
-        outline = _outline(mine, corner, spacing, plane)
-        samples = round(float(counted[where][mine].sum()) / cells.weight)
+        plane = Plane.through(cells.corner_m + np.array([0.0, 0.0, c]), normal)
+        simple, whole_shape = _outline(padded, number, where, None if noisy else planes)
+        outline = _on_plane(simple, plane, spacing)
+        samples = round(float(counted[where][labels[where] == number].sum()) / cells.weight)
         facet = FlatPiece(
             plane=plane,
             polygon=outline,
@@ -193,13 +197,15 @@ def _planes_of(
             facet, outline, number, limits, friction, refused, margin_m, narrow_too
         )
         if noisy:
-            standing = with_local(standing, labels == number, cells, excess_m2)
+            standing = with_local(standing, labels, cells, excess_m2)
         elif facet.certainty is not None:
-            standing = with_largest(standing, labels == number, cells, planes[number])
+            standing = with_largest(standing, labels, cells, planes[number])
         pieces += standing
-        wider, whole = _widest(facet.certainty, cells, corner, limits, noisy)
-        outer = _outline(mine, corner, spacing, plane, wider)
-        outline_of = replace(facet, polygon=outer).patches(SMALLEST_M, friction)
+        wider, whole = _widest(facet.certainty, cells, limits, noisy)
+        outer = whole_shape.buffer(wider, join_style="mitre").simplify(_STRAIGHT)
+        outline_of = replace(facet, polygon=_on_plane(outer, plane, spacing)).patches(
+            SMALLEST_M, friction
+        )
         surfaces += [patch.with_certainty(whole) for patch in outline_of]
         refused["edge"] += max(float(area_m2[number]) - outline.area, 0.0)
     for number, rung in enumerate(rungs, len(planes)):
@@ -234,28 +240,9 @@ def _labelled(cells: GroundCells, limits: FootholdLimits, noise: Noise) -> tuple
     return noisy_surfaces(cells, limits, max(noise.deviation_m, exact_m)), 0.0
 
 
-def _noisy_shapes(
-    labels: Labels,
-    cells: GroundCells,
-    limits: FootholdLimits,
-    noise_m: float,
-    bumps_m: float,
-    unseen_m: float,
-) -> tuple[Sequence[Certainty | None], Array]:
-    """How surely noisy heights show each surface, and how much more than noise each cell is off
-    it [m²].
-    """
-    shape_m, looked = float(np.hypot(bumps_m, _HIDDEN * unseen_m)), unseen_m > 0.0
-    sure = certainties(labels, cells, noise_m, limits.inset_m, shape_m, looked=looked)
-    if not sure:
-        return sure, np.zeros(0)
-    return sure, excess_squares(labels, cells, noise_m, looked=looked)
-
-
 def _widest(
     certainty: Certainty | None,
     cells: GroundCells,
-    corner: tuple[int, int],
     limits: FootholdLimits,
     noisy: bool,
 ) -> tuple[float, Certainty]:
@@ -264,10 +251,11 @@ def _widest(
     """
     spacing_m = cells.spacing_m
     if certainty is None:
-        none, corner_m = np.zeros((3, 3)), cells.corner_m[:2] + spacing_m * np.array(corner)
-        return 0.5, Certainty(about_m=corner_m, covariance=none, wider_m=spacing_m)
+        return 1.0, Certainty(
+            about_m=cells.corner_m[:2], covariance=np.zeros((3, 3)), wider_m=spacing_m
+        )
     if not noisy:
-        return 0.5, replace(certainty, wider_m=spacing_m)
+        return 1.0, replace(certainty, wider_m=spacing_m)
     wider = (certainty.inset_m - limits.inset_m) / spacing_m + _STRAIGHT
     return wider, replace(certainty, wider_m=wider * spacing_m)
 
@@ -276,12 +264,7 @@ def _inner_rms(labels: Labels, cells: GroundCells, rms: Array) -> Array:
     """The rms of points off each surface without its outermost cells, which have points of what is beside, shape (S,)
     [m]; that of all where these are most of it.
     """
-    inner = np.pad(labels, 1, constant_values=-1)
-    n, m = labels.shape
-    inside = np.ones((n, m), dtype=bool)
-    for u, v in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        inside &= inner[u : u + n, v : v + m] == labels
-    _, without, count = fitted(np.where(inside, labels, -1), cells)
+    _, without, count = fitted(np.where(inside(labels), labels, -1), cells)
     without, count = (np.pad(each, (0, len(rms) - len(each))) for each in (without, count))
     whole = np.bincount(labels[labels >= 0], cells.moments[0][labels >= 0], minlength=len(rms))
     return np.where(count >= 0.5 * whole, without, rms)
@@ -347,49 +330,86 @@ def _counted(cells: GroundCells, noise: Noise) -> GroundCells:
 
 
 def _outline(
-    mask: NDArray[np.bool_],
-    corner: tuple[int, int],
-    spacing: float,
-    plane: Plane,
-    wider: float | None = None,
-) -> Any:
-    """The cells of a mask as polygons in a plane: what is half a cell inside of the line half way
-    to foreign cells, which is straightened by as much; or what is so many cells outside of it.
+    padded: Labels, number: int, where: tuple[slice, ...], planes: Array | None
+) -> tuple[Any, Any]:
+    """The polygon in which a surface's ground is known, simplified inwards, and the one through its
+    likely edges, both in cells.
+
+    Exact planes that cross between two cells meet there, in a crease, which is an edge of both; at
+    a step the edge is anywhere between two cells, so that the ground is known as far as the last
+    one. Edges of noisy heights are half way, and footholds half a cell inside of them.
 
     Arguments:
-        wider: in cells.
+        padded: the surface of each cell, −1 for none, and −1 about them all.
+        where: the cells among which the surface is, not padded.
+        planes: of all surfaces, in cells, shape (S, 3); None where they are noisy.
     """
     shapely = shapely_module()
-    lines = contour_generator(
-        z=np.pad(mask, 1).T.astype(np.float64), fill_type="OuterOffset"
-    ).filled(0.5, 1.5)
-    rings = [
-        [(points[a:b] - 1.0 + corner) for a, b in pairwise(offsets.tolist())]
-        for points, offsets in zip(*lines, strict=True)
-    ]
-    polygons = [shapely.Polygon(outer, holes) for outer, *holes in rings]
-    if wider is None:
-        parts = [_inner(polygon) for polygon in polygons]
-    else:
-        parts = [
-            polygon.buffer(wider, join_style="mitre").simplify(_STRAIGHT) for polygon in polygons
-        ]
+    first = np.array([side.start for side in where])
+    mask = padded[tuple(slice(side.start, side.stop + 2) for side in where)] == number
+    lines = contour_generator(z=mask.T.astype(np.float64), fill_type="OuterOffset").filled(0.5, 1.5)
+    whole, inner = list[Any](), list[Any]()
+    for points, offsets in zip(*lines, strict=True):
+        low, high = np.floor(points).astype(int), np.ceil(points).astype(int)
+        mine = np.where(mask[*low.T][:, None], low, high)
+        beside = low + high - mine
+        ends = mine + first - 1.0, beside + first - 1.0
+        share = np.full(len(points), 0.5)
+        if planes is not None:
+            share = _to_crease(*ends, number, padded[*(beside + first).T], planes)
+        border = ends[0] + share[:, None] * (ends[1] - ends[0])
+        outer, *holes = (border[a:b] for a, b in pairwise(offsets.tolist()))
+        whole.append(shapely.make_valid(shapely.Polygon(outer, holes)))
+        inner.append(_inner(whole[-1]) if planes is None else _known(whole[-1], ends[1]))
+    return shapely.union_all(inner), shapely.union_all(whole)
+
+
+def _on_plane(polygon: Any, plane: Plane, spacing: float) -> Any:
+    """A polygon in cells from the plane's origin on as one in the plane [m]."""
     slopes = -plane.normal[:2] / plane.normal[2]
 
-    def on_plane(cells: Array) -> Array:
+    def moved(cells: Array) -> Array:
         xy = spacing * cells
         return plane.flat(plane.origin_m + np.column_stack([xy, xy @ slopes]))
 
-    return shapely.transform(shapely.union_all(parts), on_plane)
+    return shapely_module().transform(polygon, moved)
+
+
+def _to_crease(mine: Array, others: Array, number: int, beside: Labels, planes: Array) -> Array:
+    """How far a surface goes on from its cells to those of other surfaces, as a share of the way:
+    to where the planes meet, else not at all, shape (K,).
+
+    Arguments:
+        mine, others: the cells, shape (K, 2).
+        beside: the surfaces of the others, −1 for none, shape (K,).
+    """
+    apart = planes[number] - planes[beside]
+    here, there = (np.vecdot(apart[:, :2], cell) + apart[:, 2] for cell in (mine, others))
+    crosses = (here * there <= 0.0) & (here != there)
+    met = here / np.where(crosses, here - there, 1.0)
+    meets = (beside >= 0) & (crosses | (np.abs(there) <= LEVEL_M))
+    mostly = np.bincount(beside + 1, meets) >= _MOSTLY * np.bincount(beside + 1)
+    return np.asarray(np.where(crosses, met, 1.0) * (meets & mostly[beside + 1]))
+
+
+def _known(shape: Any, beside: Array) -> Any:
+    """A simpler outline of exact heights: the convex hull or, about no hole, one near to the shape,
+    where it holds none of the cells beside it, shape (K, 2); else one inside of it.
+    """
+    shapely = shapely_module()
+    around = shapely.get_num_interior_rings(shapely.get_parts(shape)).any()
+    for outline in [shape.convex_hull, shape.simplify(_NEAR)][: 1 if around else 2]:
+        if not shapely.contains_xy(outline.buffer(-_TOUCHING), beside).any():
+            return outline
+    return shape.simplify(_POCKET).buffer(-_POCKET, join_style="mitre")
 
 
 def _inner(polygon: Any) -> Any:
-    """An outline in cells made simpler, inside of itself: convex where it nearly is."""
-    shapely = shapely_module()
-    hull = polygon.convex_hull
-    pocket = (
-        np.inf if polygon.interiors else shapely.hausdorff_distance(polygon.exterior, hull.exterior)
-    )
+    """An outline of noisy heights in cells made simpler, half a cell inside of itself at the least:
+    convex where it nearly is.
+    """
+    shapely, hull = shapely_module(), polygon.convex_hull
+    pocket = shapely.hausdorff_distance(polygon.boundary, hull.boundary)
     if pocket <= _POCKET:
         return hull.buffer(-max(pocket, 0.5), join_style="mitre").simplify(0.05)
     return (

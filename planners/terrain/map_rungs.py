@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
 from ..files.arrays import Array
-from .correlation import GroundCells, Labels, connected
+from .correlation import GroundCells, Labels, connected, inside
 from .footholds import FootholdLimits, Rung, TerrainPatch, held_on_both_sides
 from .patch import Certainty, Patch
 
@@ -181,16 +181,8 @@ def _seen(
 
 def _wide(labels: Labels, spacing: float) -> NDArray[np.bool_]:
     """Cells of surfaces that are wider than a rung is somewhere."""
-    wide = np.zeros(labels.shape, dtype=bool)
-    inner = np.pad(labels, 1, constant_values=-1)
-    middle = inner[1:-1, 1:-1]
-    edge = labels < 0
-    for u, v in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        edge |= inner[u : u + labels.shape[0], v : v + labels.shape[1]] != middle
-    deep = distance_transform_edt(~edge) * spacing
-    numbers = np.unique(labels[(deep > _WIDEST_M) & (labels >= 0)])
-    wide[:] = np.isin(labels, numbers) & (labels >= 0)
-    return wide
+    deep = distance_transform_edt(inside(labels)) * spacing
+    return np.isin(labels, np.unique(labels[deep > _WIDEST_M]))
 
 
 def _rung(

@@ -36,6 +36,7 @@ from .correlation import (
     residuals,
     solved,
     sums_of,
+    sums_off,
 )
 from .footholds import FootholdLimits
 from .map_certainty import LEAST_STEP_M
@@ -197,13 +198,7 @@ def _lumps(
     """Cells about which the mean of a surface is off its plane by more than noise and roughness
     are; of exact heights each cell by itself.
     """
-    planes = fitted(labels, cells)[0]
-    lumps = np.zeros(labels.shape, dtype=bool)
-    if not len(planes):
-        return lumps
-    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
-    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
-    sums = np.stack([one, z - a * x - b * y - c * one])
+    lumps, sums = np.zeros(labels.shape, dtype=bool), sums_off(labels, cells)
     sides, rough = _LUMPS[noise_m < QUIET * limits.roughness_m]
     for side in sides:
         count, off = boxed(sums, side)
@@ -396,9 +391,7 @@ def _smoothed(labels: Labels, cells: GroundCells, side: int) -> Array:
     planes = fitted(labels, cells)[0]
     of = np.maximum(labels, 0)
     a, b, c = (planes[of, k] for k in range(3))
-    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
-    rest = z - a * x - b * y - c * one
-    box = boxed(np.stack([one, rest]), 2 * (side // 2) + 1)
+    box = boxed(sums_off(labels, cells, planes), 2 * (side // 2) + 1)
     i, j = np.indices(labels.shape)
     return np.asarray(a * i + b * j + c + box[1] / np.maximum(box[0], 0.5 * cells.weight))
 
