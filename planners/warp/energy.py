@@ -66,11 +66,19 @@ def rotation(jacobian: Array, steps: int = _NEWTON_STEPS, cof: Array | None = No
         size = np.cbrt(det)
         turned = turned * (0.5 / size) + cof * (0.5 * size / det)
     if any_bad:
-        u, _, vt = np.linalg.svd(np.moveaxis(jacobian[:, :, bad], -1, 0))
-        u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
         turned = np.array(turned)
-        turned[:, :, bad] = np.moveaxis(u @ vt, 0, -1)
+        found = nearest_rotation(np.moveaxis(jacobian[:, :, bad], -1, 0))
+        turned[:, :, bad] = np.moveaxis(found, 0, -1)
     return turned
+
+
+def nearest_rotation(jacobian: Array) -> Array:
+    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F (W12), shape (…, 3, 3) → (…, 3, 3): U Vᵀ, where det J <
+    0 with the smallest singular value turned round.
+    """
+    u, _, vt = np.linalg.svd(jacobian)
+    u[..., 2] *= np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)[..., None]
+    return np.asarray(u @ vt)
 
 
 def singular_values(jacobian: Array) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..terrain.heightfield import HeightField
-from .energy import singular_values
+from .energy import determinant, singular_values
 from .spline_map import SplineMap
 
 _FINER = 6
@@ -112,7 +112,9 @@ def least_determinant(warp: SplineMap) -> tuple[float, Array]:
         )
     )
     x, y = lines
-    det = warp.determinants(x, y, z)
+    det = np.stack(
+        [determinant(warp.on_grid(x, y, z[k : k + 1])[1][..., 0]) for k in range(len(z))], axis=-1
+    )
     i, j, k = np.unravel_index(int(det.argmin()), det.shape)
     return float(det[i, j, k]), np.array([x[i], y[j], z[k]])
 

@@ -23,7 +23,6 @@ from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array, archive_of, checked, read_archive, read_only
 from ..files.writing import write_bytes
 from ..terrain.heightfield import CubicBasis, HeightField
-from .energy import cofactor, determinant
 from .quadrature import Axis
 
 if TYPE_CHECKING:
@@ -32,12 +31,6 @@ if TYPE_CHECKING:
 
 _POLAR_STEPS = 8
 """Exact to rounding for Jacobians whose singular values differ by a factor of up to 100."""
-
-
-def nearest_rotation(jacobian: Array) -> Array:
-    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F (W12), shape (…, 3, 3) → (…, 3, 3)."""
-    u, _, vt = _signed_svd(np.asarray(jacobian, dtype=np.float64))
-    return np.asarray(u @ vt)
 
 
 def polar_function(steps: int = _POLAR_STEPS) -> ca.Function:
@@ -59,15 +52,6 @@ def polar_function(steps: int = _POLAR_STEPS) -> ca.Function:
         size = ca.exp(ca.log(determinant) / 3.0)
         turned = 0.5 * (turned / size + cofactor * (size / determinant))
     return ca.Function("polar", [jacobian], [turned], ["J"], ["R"])
-
-
-def _signed_svd(jacobian: Array) -> tuple[Array, Array, Array]:
-    """U, Σ and Vᵀ with U Vᵀ in SO(3): where det J < 0 the smallest singular value is negative."""
-    u, sigma, vt = np.linalg.svd(jacobian)
-    sign = np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)
-    u[..., :, 2] *= sign[..., None]
-    sigma[..., 2] *= sign
-    return u, sigma, vt
 
 
 _NEWTON_STEPS = 30
@@ -293,7 +277,7 @@ class SplineMap:
         jacobian = np.stack(
             [self._on(lines, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))], axis=1
         )
-        if self.snap is not None:
+        if self.snap is not None and np.min(z) < self.fade_m:  # beyond, nothing is left of it
             extra, slope = self.snap.height_and_gradient(np.moveaxis(point[:2], 0, -1))
             fade, faster = fading(np.asarray(z, dtype=np.float64), self.fade_m)
             point[2] += fade * extra
@@ -301,25 +285,6 @@ class SplineMap:
                 jacobian[2] += (fade * slope[..., axis]) * jacobian[axis]
             jacobian[2, 2] += faster * extra
         return point, jacobian
-
-    def determinants(self, x: Array, y: Array, z: Array) -> Array:
-        """det J = det J_s + b′·δ·A on a regular grid of x̄, ȳ and z̄ [m], shape (X, Y, Z)."""
-        (x_rows, x_slopes), (y_rows, y_slopes), (z_rows, z_slopes) = (
-            [basis.matrix(line, order).toarray() for order in (0, 1)]
-            for basis, line in zip(self._bases, (x, y, z), strict=True)
-        )
-        faster = fading(z, self.fade_m)[1]
-        det = np.empty((len(x), len(y), len(z)))
-        for k, (row, slope, fall) in enumerate(zip(z_rows, z_slopes, faster, strict=True)):
-            level, rise = self._padded @ row, self._padded @ slope
-            along = x_slopes @ level @ y_rows.T, x_rows @ level @ y_slopes.T
-            jacobian = np.stack([*along, x_rows @ rise @ y_rows.T], axis=1)
-            cof = cofactor(jacobian)
-            det[..., k] = determinant(jacobian, cof)
-            if self.snap is not None and fall != 0.0:
-                plan = np.moveaxis(x_rows @ level[:2] @ y_rows.T, 0, -1)
-                det[..., k] += fall * self.snap.height(plan) * cof[2, 2]
-        return det
 
     def _on(self, lines: tuple[Array, Array, Array], orders: tuple[int, int, int]) -> Array:
         """A derivative of the tri-cubic part on a regular grid, shape (3, X, Y, Z)."""
