@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from stancekit import Dataset, LeapTries, Robot
-from stancekit.envs.data.label_plan import USUAL_TRIES
-from stancekit.envs.data.ledger import LabelPlan, TryPlan
+from stancekit.envs.data.ledger import USUAL_TRIES, LabelPlan, TryPlan
 from stancekit.envs.distributions.postures import distribution_of
 from stancekit.learners.data import labelling, leap_tries
 from stancekit.learners.data.executors import Executor, executor as executor, processes

@@ -3,7 +3,7 @@
 Importing this package registers the environments, so ``gymnasium.register_envs(stancekit.envs)``
 works, and so does ``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.
 
-Read ``scenes`` (what is drawn), ``episodes`` (how it is handed out), ``reward``, then a task:
+Read ``scenes`` (what is drawn), ``episodes`` (how it is handed out and rewarded), then a task:
 ``selection``, ``refinement``, ``traverse``, ``leap_choice``, ``warped_gait``; ``vector`` last.
 """
 

@@ -32,8 +32,7 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
-from .episodes import TaskEnv, boxes, checked_action
-from .reward import USUAL_SEARCH, SearchWeights, Step, weighted
+from .episodes import USUAL_SEARCH, SearchWeights, Step, TaskEnv, boxes, checked_action, weighted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -114,7 +113,7 @@ class _Episode:
         self._tried: set[tuple[int, ...]] = set()
         self._last: tuple[LeapNumbers, LeapPoint] | None = None
         self._choice: NDArray[np.int64] | None = None
-        self._note: dict[str, int | float] = dict(INFO)
+        self._note: dict[str, int | float] = {}
         self.tries = self.solves = 0
         self.plan: LeapPlan | None = None
 

@@ -22,8 +22,7 @@ from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import BoxSearch
 
-from .episodes import TaskEnv, boxes, checked_action
-from .reward import USUAL_SEARCH, SearchWeights, Step, weighted
+from .episodes import USUAL_SEARCH, SearchWeights, Step, TaskEnv, boxes, checked_action, weighted
 from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info, seen
 from .selection import VERTICES, scene_space
 

@@ -31,8 +31,16 @@ from stancekit.planners.verify import check_postures
 from stancekit.runner.control.envelope_choice import Predictor
 
 from .distributions.postures import PostureDistribution, distribution
-from .episodes import TaskEnv, boxes, checked_action
-from .reward import USUAL, Judged, RewardWeights, Step, Terms, weighted
+from .episodes import (
+    USUAL,
+    Judged,
+    RewardWeights,
+    Step,
+    TaskEnv,
+    boxes,
+    checked_action,
+    weighted,
+)
 from .scenes import LabelledScene, ProblemSource, SceneSettings, margin_info, seen
 
 if TYPE_CHECKING:
@@ -100,14 +108,6 @@ class SelectionSettings(SceneSettings):
                 f"with {got}"
             )
 
-    @property
-    def rewards(self) -> Terms:
-        """The terms of the reward.
-
-        Raises InvalidInput.
-        """
-        return weighted(self.weights, RewardWeights, named=True)[1]
-
 
 class SelectionTask:
     """Base of the single environment and of the batched one: spaces, scenes, and the judging of one
@@ -126,6 +126,7 @@ class SelectionTask:
         self._relaxation = RELAXATIONS.get(settings.relaxation)
         self._projections = tuple(settings.projections)
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
+        self._terms = weighted(settings.weights, RewardWeights, named=True)[1]
         self._unmeasured = margin_info(None) | margin_info(None, "expert_")
         self._nothing: dict[str, Any] = {
             "label": 0,
@@ -137,7 +138,7 @@ class SelectionTask:
             "log_volume": 0.0,
             "chosen": 0,
             **dict.fromkeys(self._keys.values(), 0),
-            **settings.rewards.nothing,
+            **self._terms.nothing,
             **self._unmeasured,
             "expert_point": None,
             "expert_lower_bound": 0.0,
@@ -145,7 +146,6 @@ class SelectionTask:
             "p2_seconds": 0.0,
             "expert_seconds": 0.0,
         }
-        self._terms = settings.rewards
         self._timing, self._margins = bool(settings.timing), bool(settings.margins)
         self._programs = Programs()
         self.scenes = settings.source(chosen, self._programs)

@@ -21,7 +21,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import check_numbers, checked, checked_int
+from stancekit.planners.files.arrays import checked, checked_int
 from stancekit.planners.files.documents import shown
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.candidates import NoFooting
@@ -40,8 +40,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.control.envelope_choice import SelectorPlanner
 
 from .distributions.courses import perturbed
-from .episodes import TaskEnv, boxes, checked_action
-from .reward import Step, Terms, weighted
+from .episodes import Finite, Step, TaskEnv, boxes, checked_action, weighted
 from .scenes import margin_info
 from .selection import LearnedSelector, class_envelopes
 
@@ -74,7 +73,7 @@ without slipping."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class TraverseWeights:
+class TraverseWeights(Finite):
     """Weights of the reward of a step: reward = progress · (share of the path's length that the COM
     went forward along it) + feasible · [a verified plan] − failure · [none, or one whose execution
     failed] − solve · (convex problems solved) − second · (seconds of planning, compiling left out;
@@ -86,9 +85,6 @@ class TraverseWeights:
     failure: float = 0.2
     solve: float = 0.005
     second: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_numbers(self, finite=self.__dataclass_fields__)
 
 
 def _path_length_m(course: Problem) -> float:
@@ -128,15 +124,7 @@ class TraverseSettings:
         checked(self.amount, "amount", least=0.0)
         if self.envelopes is not None and self.planners is not None:
             raise InvalidInput("envelopes: expected none beside planners, which replace them")
-        _ = self.rewards  # refuses wrong keys
-
-    @property
-    def rewards(self) -> tuple[TraverseWeights, Terms]:
-        """The weights, and terms of one's own.
-
-        Raises InvalidInput.
-        """
-        return weighted(self.weights, TraverseWeights)
+        weighted(self.weights, TraverseWeights)  # refuses wrong keys
 
 
 LEAST: Mapping[str, int] = MappingProxyType(
@@ -468,7 +456,8 @@ class TraverseEnv(TaskEnv[Problem]):
             raise InvalidInput("planners: expected one or more, got none")
         _check_selectors(self._planners, self._draw)
         self._start, self._executor = TwoStage(programs=programs), settings.executor
-        self._horizon, (self._weights, self._terms) = settings.horizon, settings.rewards
+        self._horizon = settings.horizon
+        self._weights, self._terms = weighted(settings.weights, TraverseWeights)
         self._patience, self._timing = settings.patience, bool(settings.timing)
         self._margins = bool(settings.margins)
         self._walked: list[Plan] = []

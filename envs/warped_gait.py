@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import Array, archive_of, check_numbers, read_archive
+from stancekit.planners.files.arrays import Array, archive_of, read_archive
 from stancekit.planners.files.documents import typed
 from stancekit.planners.files.writing import first_difference, write_bytes
 from stancekit.planners.gait.charts import CHARTS
@@ -30,8 +29,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import anymal, walker_from
 
 from .distributions.courses import SampledTasks, Tasks
-from .episodes import TaskEnv, boxes, checked_action
-from .reward import Step, Terms, weighted
+from .episodes import Finite, Step, TaskEnv, boxes, checked_action, weighted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,6 +45,15 @@ _Action = tuple[int, int, int]
 """Indices of a chart, a homotopy and a noise."""
 
 
+_FIGURES = (
+    "force_rms",
+    "moment_rms",
+    "peak_acceleration_g",
+    "outside_cone",
+    "footing_friction",
+)
+
+
 class _Outcome(NamedTuple):
     """Outcome of an attempt, all numbers finite: the verifier's word and figures, and the
     solver's.
@@ -55,7 +62,7 @@ class _Outcome(NamedTuple):
     verified: float = 0.0
     feasible: float = 0.0
     iterations: float = 0.0
-    violation: float = _LARGEST
+    violation: float = 0.0
     refused: float = 0.0
     force_rms: float = 0.0
     moment_rms: float = 0.0
@@ -70,15 +77,7 @@ class _Outcome(NamedTuple):
         was taken.
         """
         if found is None:
-            return cls(iterations=limit)
-        figures = found.report.figures
-        names = (
-            "force_rms",
-            "moment_rms",
-            "peak_acceleration_g",
-            "outside_cone",
-            "footing_friction",
-        )
+            return cls(iterations=limit, violation=_LARGEST)
         return cls(
             verified=float(found.verified),
             feasible=float(found.solution.success),
@@ -86,7 +85,7 @@ class _Outcome(NamedTuple):
             violation=_number(found.solution.violation),
             refused=float(len(found.report.refused)),
             seconds=found.seconds,
-            **{name: _number(figures.get(name, 0.0)) for name in names},
+            **{name: _number(found.report.figures.get(name, 0.0)) for name in _FIGURES},
         )
 
 
@@ -114,13 +113,8 @@ class _WalkPool:
     ) -> None:
         if not 1 <= size <= _MOST_WALKS:
             raise InvalidInput(f"pool: expected 1 to {_MOST_WALKS} walks, got {size}")
-        self.tasks, self.size, self.charts, self.settings, self.seed = (
-            tasks,
-            size,
-            charts,
-            settings,
-            seed,
-        )
+        self.tasks, self.size, self.seed = tasks, size, seed
+        self.charts, self.settings = charts, settings
         self._walks: dict[int, Walk] = {}
         self._table = np.full(
             (size, len(charts), len(HEIGHTS), len(NOISES), len(_Outcome._fields)), np.nan
@@ -263,7 +257,7 @@ _OPTIMISER = GaitSettings(max_iterations=50)
 
 
 @dataclass(frozen=True, kw_only=True)
-class GaitRewardWeights:
+class GaitRewardWeights(Finite):
     """Weights of the reward of a step: verified · [the verifier accepts] + feasible · [the solve
     succeeds] − iterations · [share of the limit that was taken] − seconds · [CPU seconds], the last
     only with ``timing``.
@@ -273,9 +267,6 @@ class GaitRewardWeights:
     feasible: float = 0.25
     iterations: float = 0.25
     seconds: float = 0.0
-
-    def __post_init__(self) -> None:
-        check_numbers(self, finite=self.__dataclass_fields__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -302,19 +293,11 @@ class GaitEnvSettings:
             CHARTS.get(chart)
         if self.robot is not None and self.tasks is not None:
             raise InvalidInput("robot: expected none where tasks are given, which have their own")
-        seconds = self.rewards[0].seconds
+        seconds = weighted(self.weights, GaitRewardWeights)[0].seconds
         if seconds and not self.timing:
             raise InvalidInput(
                 f"weights: expected timing with seconds, whose weight is {seconds:g}"
             )
-
-    @property
-    def rewards(self) -> tuple[GaitRewardWeights, Terms]:
-        """The weights, and terms of one's own.
-
-        Raises InvalidInput.
-        """
-        return weighted(self.weights, GaitRewardWeights)
 
     @property
     def optimiser(self) -> GaitSettings:
@@ -327,29 +310,6 @@ class GaitEnvSettings:
         return typed(
             GaitSettings, {"max_iterations": _OPTIMISER.max_iterations, **settings}, "settings"
         )
-
-
-_NOTHING: Mapping[str, int | float] = MappingProxyType(
-    {
-        "verified": 0,
-        "is_success": 0,
-        "feasible": 0,
-        "iterations": 0,
-        "violation": 0.0,
-        "refused": 0,
-        "force_rms": 0.0,
-        "moment_rms": 0.0,
-        "peak_acceleration_g": 0.0,
-        "outside_cone": 0.0,
-        "footing_friction": 0.0,
-        "reward_verified": 0.0,
-        "reward_feasible": 0.0,
-        "reward_iterations": 0.0,
-        "reward_seconds": 0.0,
-        "seconds": 0.0,
-    }
-)
-"""``info`` before anything was tried."""
 
 
 class WarpedGaitEnv(TaskEnv[Walk]):
@@ -441,13 +401,11 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         walker = walker_from(robot)
         self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
         self._charts, self._settings = charts, settings.optimiser
-        (self._weights, self._terms), self._timing = settings.rewards, bool(settings.timing)
-        feet = (
-            len(self._tasks.robot.feet)
-            if isinstance(self._tasks, SampledTasks)
-            else self._feet_of()
-        )
-        self.observation_space = _task_space(feet)
+        self._weights, self._terms = weighted(settings.weights, GaitRewardWeights)
+        self._timing = bool(settings.timing)
+        tasks = self._tasks
+        like = tasks if isinstance(tasks, SampledTasks) else tasks(np.random.default_rng(0))
+        self.observation_space = _task_space(len(like.robot.feet))
         self.action_space = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
         self._bench: Workbench | None = None
         self._found: Attempted | None = None
@@ -456,11 +414,7 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         self._seen: dict[int, dict[str, NDArray[np.float32]]] = {}
         if self._terms.by_key:
             walk = self._tasks(np.random.default_rng(0)) if self.pool is None else self.pool.walk(0)
-            self._try_terms(walk, _NOTHING, terminated=True)
-
-    def _feet_of(self) -> int:
-        """Feet of the walks that a given source draws."""
-        return len(self._tasks(np.random.default_rng(0)).robot.feet)
+            self._try_terms(walk, self._nothing(), terminated=True)
 
     def _begin(self) -> tuple[Walk, dict[str, Any]]:
         self._found = None
@@ -470,7 +424,7 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         else:
             self._walk = int(self.np_random.integers(len(self.pool)))
             walk = self.pool.walk(self._walk)
-        return walk, dict(_NOTHING)
+        return walk, self._nothing()
 
     def _act(self, episode: Walk, action: NDArray[np.int64]) -> Step:
         """Solve as chosen and verify; the episode ends."""
@@ -522,8 +476,12 @@ class WarpedGaitEnv(TaskEnv[Walk]):
             self._seen[self._walk] = observe(episode)
         return {name: values.copy() for name, values in self._seen[self._walk].items()}
 
+    def _nothing(self) -> dict[str, Any]:
+        """``info`` before anything was tried: zeros of the same kinds."""
+        return {name: type(value)() for name, value in self._info(_Outcome()).items()}
+
     def _info(self, found: _Outcome) -> dict[str, Any]:
-        """Info of an attempt; every key is there for ``_NOTHING``, too."""
+        """Info of an attempt."""
         weights, seconds = self._weights, found.seconds if self._timing else 0.0
         verified, feasible = bool(found.verified), bool(found.feasible)
         return {
@@ -533,11 +491,7 @@ class WarpedGaitEnv(TaskEnv[Walk]):
             "iterations": int(found.iterations),
             "violation": found.violation,
             "refused": int(found.refused),
-            "force_rms": found.force_rms,
-            "moment_rms": found.moment_rms,
-            "peak_acceleration_g": found.peak_acceleration_g,
-            "outside_cone": found.outside_cone,
-            "footing_friction": found.footing_friction,
+            **{name: getattr(found, name) for name in _FIGURES},
             "reward_verified": weights.verified * verified,
             "reward_feasible": weights.feasible * feasible,
             "reward_iterations": -weights.iterations

@@ -25,7 +25,7 @@ REWARDS = {
         r"r &= w_\text{agreement}\;[\text{P1 says what the expert says}] \\"
         r"&+ w_\text{projection}\;[\text{P2 reaches a verified posture}] \\"
         r"&+ w_\text{tightness}\;(1 - \tfrac{1}{2}\,\text{mean width of the box})",
-        "stancekit.envs.reward:RewardWeights",
+        "stancekit.envs.episodes:RewardWeights",
     ),
     "EnvelopeRefinement": (
         r"r &= [\text{verdict}] - \frac{\text{convex problems solved}}{\text{budget}}",

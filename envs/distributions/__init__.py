@@ -1,4 +1,4 @@
 """Distributions of scenes: posture problems and courses drawn at random.
 
-Read ``stance`` (one scene), ``postures``, ``courses``, then ``cut``.
+Read ``postures``, ``courses``, then ``cut``.
 """

@@ -35,7 +35,7 @@ from stancekit.planners.terrain.reference import named_surface, names_ground
 from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
 from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
-from .stance import FORWARD, NominalStance, plain_problem, triangle
+from .postures import FORWARD, NominalStance, plain_problem, triangle
 
 _SPACING = 0.5
 """Spacing of the lattice, in radii of the smallest patch."""

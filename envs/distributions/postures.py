@@ -1,12 +1,14 @@
 """Distributions of posture problems (Lin et al. §IV-A): what terrains look like to limbs about to
-stand on them.
+stand on them, drawn about the stance of any robot.
 """
 
 from __future__ import annotations
 
 import pickle
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, cast, runtime_checkable
@@ -16,32 +18,325 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.files.documents import read_yaml, validated
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
-from stancekit.planners.problem import PostureBatch, Problem
-from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
+from stancekit.planners.problem import Contact, PostureBatch, Problem
+from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS, TILT_LIMIT_RAD
 from stancekit.planners.problem.posture_batch import Sampler
-from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.robot_file import BUILT_IN
-
-from .stance import (
-    FIVE_LEGS,
-    FORWARD,
-    LAW,
-    UPWARD,
-    Law,
-    NominalStance,
-    StandingRobot,
-    leaning,
-    paper_stance,
-    plain_problem,
-    plane_of,
-    triangle,
-)
+from stancekit.planners.robot import Limb, Robot, hexapod
+from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
+from stancekit.planners.terrain import Patch
 
 if TYPE_CHECKING:
+    from stancekit.planners.robot.hulls import Polytope
+
     from .cut import CutDistribution
+
+
+Law = Literal["ground", "wall", "terrain"]
+LAW = re.compile(r"(ground|wall|terrain)-([1-9]\d?)")
+"""Names of classes: a law, and how many legs stand."""
+FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
+PAPER_LEGS = {3: THREE_LEGS, 5: FIVE_LEGS}
+_PAPER_REACH_M = 0.35
+_PAPER_LENGTH_M = 0.6
+"""Length scale of Lin et al.'s robot."""
+_GROUND_ROOM_M, _WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
+"""Distance that a patch may have from its nominal place, along x, y and z, to either side."""
+_CIRCUMRADIUS_M = (0.03, 0.08)
+_COM_RADIUS_M = 0.08
+_BEYOND = 1.1
+"""The length scale of a robot from a file, in units of how far a toe may be from its centre of
+mass."""
+_POINTS = 4000
+"""Number of points of a leg's set, by which the walls are placed."""
+_SIDEWAYS = 0.8
+"""Share of a leg's set that is nearer than the wall is."""
+
+
+@dataclass(frozen=True, eq=False)
+class NominalStance:
+    """Stance about which a law draws: nominal centres of the patches and their normals, from the
+    centre of mass, shape (N, 3) each [m].
+
+    With legs of half-spaces the body is level: a tilt would leave many scenes undecided, feasible
+    by what bounds take for their reach and not by what plans take (``planners.robot.model``); where
+    it is 0 both are the sets themselves.
+
+    Arguments:
+        room_m: how far off a centre may be, outwards positive, (N, 3) [m]; sizes [m]; and the
+            body's tilt [rad].
+    """
+
+    centre_m: Array
+    normal: Array
+    room_m: Array
+    circumradius_m: tuple[float, float] = _CIRCUMRADIUS_M
+    com_radius_m: float = _COM_RADIUS_M
+    length_scale_m: float = _PAPER_LENGTH_M
+    tilt_limit_rad: float = TILT_LIMIT_RAD
+
+
+def paper_stance(limbs: Sequence[Limb], law: Law) -> NominalStance:
+    """Lin et al.'s: patches beside and below the shoulders, or on walls at .40 m to each side."""
+    centre, normal, room = zip(
+        *((_wall if law == "wall" else _ground)(limb) for limb in limbs), strict=True
+    )
+    return NominalStance(np.array(centre), np.array(normal), np.array(room))
+
+
+def _ground(limb: Limb) -> tuple[Array, Array, Array]:
+    """Centre and normal of a patch on the ground beside and below the shoulder, and how far off it
+    may be [m].
+    """
+    outward = limb.shoulder_m / np.linalg.norm(limb.shoulder_m)
+    centre = limb.shoulder_m + 0.15 * outward + np.array([0.0, 0.0, -0.20])
+    return centre, np.array([0.0, 0.0, 1.0]), np.array(_GROUND_ROOM_M)
+
+
+def _wall(limb: Limb) -> tuple[Array, Array, Array]:
+    """Centre and normal of a patch on the wall at the limb's side, and how far off it may be [m],
+    outwards positive.
+    """
+    side = 1.0 if limb.shoulder_m[1] >= 0.0 else -1.0
+    centre = np.array([limb.shoulder_m[0], side * 0.40, limb.shoulder_m[2]])
+    return centre, np.array([0.0, -side, 0.0]), np.array([1.0, side, 1.0]) * _WALL_ROOM_M
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StandingRobot:
+    """A robot that scenes are drawn for, and where its toes are as it stands.
+
+    Arguments:
+        robot: the robot over the inner sets of its legs, as the contact planner has it.
+        toes_m: vectors from its centre of mass to the toes, shape (N, 3) [m].
+        reach_m: mean distance that a foot can have from its first joint [m].
+        paper: the default hexapod, about which Lin et al.'s law draws.
+    """
+
+    robot: Robot
+    toes_m: Array
+    reach_m: float
+    paper: bool = False
+
+    @classmethod
+    def of(cls, robot: Robot | str | None) -> StandingRobot:
+        """The robot of a built-in name, a ``.urdf`` or a ``.yaml`` file, or as it is; the default
+        hexapod where None.
+
+        Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
+        """
+        if isinstance(robot, Robot):
+            robot.check_limbs()
+        if isinstance(robot, Robot) and not robot.own:
+            toes = paper_stance(robot.limbs, "ground").centre_m
+            reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
+            return cls(robot=robot, toes_m=toes, reach_m=reach, paper=_is_default(robot))
+        if robot is None or robot in BUILT_IN:
+            default = hexapod()
+            return cls(
+                robot=default,
+                toes_m=paper_stance(default.limbs, "ground").centre_m,
+                reach_m=_PAPER_REACH_M,
+                paper=True,
+            )
+        from stancekit.planners.robot.reach_sets import (
+            standing_toes,  # slow to import
+            workspaces_of,
+        )
+        from stancekit.planners.robot.walker import contact_robot  # slow to import
+
+        model = named_robot(robot) if isinstance(robot, str) else robot.own_model()
+        try:
+            workspaces = workspaces_of(model)
+        except InvalidInput as error:
+            raise InvalidInput(
+                f"{robot if isinstance(robot, str) else robot.name}: {error}"
+            ) from None
+        reach = float(np.mean([workspace.reach_m for workspace in workspaces]))
+        made = robot if isinstance(robot, Robot) else contact_robot(model, workspaces)
+        return cls(robot=made, toes_m=standing_toes(model), reach_m=reach)
+
+    def legs(self, count: int, name: str) -> tuple[str, ...]:
+        """Choose this many legs: those whose toes hold its centre of mass best, by the largest
+        margin inside their hull.
+
+        Raises InvalidInput for a robot with fewer.
+        """
+        names = self.robot.limb_names
+        if count > len(names):
+            legs = ", ".join(names)
+            raise InvalidInput(
+                f"{name}: expected a robot of {count} legs or more, got {self.robot.name} with "
+                f"{legs}"
+            )
+        if self.paper and count in PAPER_LEGS:
+            return PAPER_LEGS[count]
+        chosen = max(
+            combinations(range(len(names)), count),
+            key=lambda some: round(_held(self.toes_m[list(some)]), 6),
+        )
+        return tuple(names[index] for index in chosen)
+
+    def stance(self, law: Law, legs: Sequence[str]) -> NominalStance:
+        """Stance about which scenes on these legs are drawn.
+
+        Raises InvalidInput for a leg that is not there.
+        """
+        limbs = self.robot.select(legs)
+        if self.paper:
+            return paper_stance(limbs, law)
+        toes = self.toes_m[[self.robot.limb_names.index(leg) for leg in legs]]
+        size = self.reach_m / _PAPER_REACH_M
+        side, upwards = (
+            np.where(toes[:, 1] >= 0.0, 1.0, -1.0),
+            np.tile([0.0, 0.0, 1.0], (len(toes), 1)),
+        )
+        radii = (size * _CIRCUMRADIUS_M[0], size * _CIRCUMRADIUS_M[1])
+        sizes = radii, size * _COM_RADIUS_M, _BEYOND * self._farthest, 0.0
+        if law != "wall":
+            room = np.tile(size * np.array(_GROUND_ROOM_M), (len(toes), 1))
+            return NominalStance(toes, upwards, room, *sizes)
+        out = np.column_stack([np.ones(len(toes)), side, np.ones(len(toes))])
+        centres = _on_walls([_set_of(limb) for limb in limbs], side, size * _WALL_ROOM_M[1])
+        return NominalStance(
+            centres, out * [0.0, -1.0, 0.0], out * (size * np.array(_WALL_ROOM_M)), *sizes
+        )
+
+    @property
+    def _farthest(self) -> float:
+        """Largest distance of a toe from the centre of mass [m]."""
+        return max(
+            float(np.linalg.norm(_set_of(limb).vertices, axis=1).max()) for limb in self.robot.limbs
+        )
+
+
+def _held(toes: Array) -> float:
+    """Margin of the centre of mass inside the toes' hull, seen from above [m]; below 0 outside, or
+    without a hull.
+    """
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
+    if len(toes) < 3:
+        return -float(np.linalg.norm(toes[:, :2].mean(axis=0)))
+    try:
+        return -float(ConvexHull(toes[:, :2]).equations[:, 2].max())
+    except QhullError:  # all in one line
+        return -float(np.linalg.norm(toes[:, :2].mean(axis=0)))
+
+
+def _set_of(limb: Limb) -> Polytope:
+    from stancekit.planners.robot.hulls import Polytope  # slow to import
+
+    if limb.reach_rows is None:
+        raise InvalidInput(
+            "robot: expected legs with half-spaces of reach, as a robot file has them, got "
+            f"{limb.name} with none"
+        )
+    return Polytope(normals=limb.reach_rows.normals, offsets_m=limb.reach_rows.bounds_m)
+
+
+def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Array:
+    """The middles of what legs reach of two walls, as far to either side, shape (N, 3) [m]."""
+    points = [polytope.sample(_POINTS, np.random.default_rng(0)) for polytope in sets]
+    out = [sign * some[:, 1] for sign, some in zip(side, points, strict=True)]
+    away = float(np.mean([np.quantile(beside, _SIDEWAYS) for beside in out]))
+    centres = []
+    for sign, some, beside in zip(side, points, out, strict=True):
+        off = np.abs(beside - away)
+        near = some[off <= max(thickness_m, float(np.min(off)))]
+        centres.append([near[:, 0].mean(), sign * away, near[:, 2].mean()])
+    return np.array(centres)
+
+
+def _is_default(robot: Robot) -> bool:
+    """Tell whether a robot without a model is the default hexapod, about which the law of Lin et
+    al. draws.
+    """
+    default = hexapod()
+    return robot.limb_names == default.limb_names and all(
+        one.reach_m == other.reach_m
+        and one.reach_rows is None
+        and one.sole_m is None
+        and np.array_equal(one.shoulder_m, other.shoulder_m)
+        for one, other in zip(robot.limbs, default.limbs, strict=True)
+    )
+
+
+_AXES = np.eye(3)
+FORWARD, UPWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
+"""Shear references on the ground and on walls."""
+
+
+def plain_problem(
+    robot: Robot, legs: Sequence[str], stance: NominalStance, *, shear: Sequence[float]
+) -> Problem:
+    """A problem whose patches are all in their nominal places, have the smallest size that is ever
+    drawn, and have no friction.
+    """
+    triangles = stance.centre_m[:, None] + triangle(
+        stance.normal, np.full(len(legs), stance.circumradius_m[0]), np.zeros(len(legs))
+    )
+    contacts = tuple(
+        Contact(
+            leg=limb.name,
+            shoulder_m=limb.shoulder_m,
+            reach_m=limb.reach_m,
+            patch=Patch(
+                vertices_m=corners, normal=normal, shear_reference=np.array(shear), friction=0.0
+            ),
+            force_min=np.array([0.0, -1.0, -1.0]),
+            force_max=np.ones(3),
+            reach_rows=limb.reach_rows,
+        )
+        for limb, corners, normal in zip(robot.select(legs), triangles, stance.normal, strict=True)
+    )
+    return Problem.posture(
+        contacts=contacts,
+        mass_kg=robot.mass_kg,
+        com_nominal_m=np.zeros(3),
+        com_radius_m=stance.com_radius_m,
+        length_scale_m=stance.length_scale_m,
+        tilt_limit_rad=stance.tilt_limit_rad,
+        robot=robot.identity,
+    )
+
+
+def leaning(
+    axis: Array, angle_rad: Array, azimuth_rad: Array, plane: tuple[Array, Array] | None = None
+) -> Array:
+    """Unit vectors at these angles from axes of shape (..., 3), leaning towards these azimuths.
+
+    Arguments:
+        plane: ``plane_of`` the axes, where it is known.
+    """
+    first, second = plane or plane_of(axis)
+    angle, azimuth = angle_rad[..., None], azimuth_rad[..., None]
+    sideways = np.cos(azimuth) * first + np.sin(azimuth) * second
+    return _unit(np.cos(angle) * axis + np.sin(angle) * sideways)
+
+
+def triangle(normals: Array, radius_m: Array, turn_rad: Array) -> Array:
+    """Equilateral triangles about the origin in the planes of these normals, shape (..., 3, 3)
+    [m].
+    """
+    angles = (turn_rad[..., None] + 2.0 * np.pi / 3.0 * np.arange(3))[..., None]
+    first, second = (axis[..., None, :] for axis in plane_of(normals))
+    return np.asarray(
+        radius_m[..., None, None] * (np.cos(angles) * first + np.sin(angles) * second)
+    )
+
+
+def plane_of(normals: Array) -> tuple[Array, Array]:
+    """Two unit vectors that make a right-handed frame with each normal, shape (..., 3)."""
+    helper = _AXES[np.abs(normals).argmin(axis=-1)]
+    first = _unit(cross(normals, helper))
+    return first, cross(normals, first)
+
+
+def _unit(vectors: Array) -> Array:
+    return np.asarray(vectors / np.sqrt(np.vecdot(vectors, vectors))[..., None])
 
 
 @runtime_checkable

@@ -23,7 +23,7 @@ from scipy.spatial import KDTree
 from scipy.special import betaincinv
 
 from stancekit.envs.distributions.cut import SMALLER, Places
-from stancekit.envs.distributions.stance import (
+from stancekit.envs.distributions.postures import (
     FORWARD,
     NominalStance,
     StandingRobot,

@@ -20,7 +20,6 @@ from typing import Annotated
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt, PositiveInt
-from sklearn.mixture import GaussianMixture
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
@@ -43,6 +42,7 @@ from ..training.loop import (
     run as run_fit,
 )
 from .feasibility import CachingOracle, FeasibilityOracle, Index, SpreadOracle, VerdictCounts
+from .mixture import mixture_of
 from .selector import quantile_box
 
 
@@ -213,12 +213,9 @@ def fit_gradient(
             f"data set: expected {max(2, boxes)} or more feasible rows and an infeasible one, got "
             f"{len(dataset.feasible)} and {len(dataset.infeasible)}"
         )
-    feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
-    infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
     boxes_to_fit = BoxFit(
         clustered_boxes(dataset.points, boxes, share=share, seed=seed),
-        feasible,
-        infeasible,
+        *scaled_by_label(dataset),
         Programs(),
         np.random.default_rng(seed),
         settings,
@@ -235,6 +232,15 @@ def fit_gradient(
     )
 
 
+def scaled_by_label(dataset: Dataset) -> tuple[list[Scaled], list[Scaled]]:
+    """The feasible problems of a data set, and the infeasible ones."""
+    feasible, infeasible = (
+        [Scaled.of(problem) for problem in dataset.select(rows).problems()]
+        for rows in (dataset.feasible, dataset.infeasible)
+    )
+    return feasible, infeasible
+
+
 def clustered_boxes(points: Array, boxes: int, *, share: float, seed: int) -> tuple[Envelope, ...]:
     """The quantile boxes of Gaussian clusters of S, the largest first; an empty cluster starts as
     all of S.
@@ -245,10 +251,7 @@ def clustered_boxes(points: Array, boxes: int, *, share: float, seed: int) -> tu
     if boxes == 1:
         return (quantile_box(points, share=share),)
     flat = points.reshape(len(points), -1)
-    mixture = GaussianMixture(boxes, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(
-        flat
-    )
-    labels = mixture.predict(flat)
+    labels = mixture_of(flat, boxes, seed).predict(flat)
     members = sorted((np.flatnonzero(labels == k) for k in range(boxes)), key=len, reverse=True)
     return tuple(
         quantile_box(points[rows] if len(rows) else points, share=share) for rows in members
@@ -609,10 +612,7 @@ def fit_genetic(
         run: the executor of every generation's solves; this process where None. The envelope and
             its provenance do not depend on it.
     """
-    feasible, infeasible = (
-        [Scaled.of(problem) for problem in dataset.select(rows).problems()]
-        for rows in (dataset.feasible, dataset.infeasible)
-    )
+    feasible, infeasible = scaled_by_label(dataset)
     if min(len(feasible), len(infeasible)) < 2:
         raise InvalidInput(
             f"data set: expected two or more rows of each label, got {len(feasible)} feasible and "

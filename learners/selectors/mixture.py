@@ -15,8 +15,7 @@ from scipy.stats import chi2
 from sklearn.mixture import GaussianMixture
 
 from stancekit.envs.data.dataset import Dataset
-from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.distributions.stance import LAW
+from stancekit.envs.distributions.postures import LAW, distribution
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -129,7 +128,7 @@ def fit_as_printed(
         threshold: p_th.
     """
     flat, bad = points.reshape(len(points), -1), excluded.reshape(len(excluded), -1)
-    mixture = _mixture(flat, clusters, seed)
+    mixture = mixture_of(flat, clusters, seed)
     belongs = _membership(mixture, flat)
     low, high = np.full(flat.shape[1], -_DOMAIN), np.full(flat.shape[1], _DOMAIN)
     envelopes, gaps = [], []
@@ -163,7 +162,7 @@ def fit_improved(
     problems (``gradient.descend``); it is given the box and the members' indices in S.
     """
     flat = points.reshape(len(points), -1)
-    mixture = _mixture(flat, clusters, seed)
+    mixture = mixture_of(flat, clusters, seed)
     belongs, labels = _membership(mixture, flat), mixture.predict(flat)
     envelopes = []
     for k in range(clusters):
@@ -186,7 +185,8 @@ def _membership(mixture: GaussianMixture, points: Array) -> Array:
     return np.asarray(mixture.predict_proba(points) * np.stack(tails, axis=1))
 
 
-def _mixture(flat: Array, clusters: int, seed: int) -> GaussianMixture:
+def mixture_of(flat: Array, clusters: int, seed: int) -> GaussianMixture:
+    """A mixture of so many Gaussians, fitted to points of shape (K, D)."""
     if clusters > len(flat):
         raise InvalidInput(
             f"clusters: expected at most {len(flat)}, one for each solution, got {clusters}"

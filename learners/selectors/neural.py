@@ -526,23 +526,33 @@ def calibrated_room(
     with torch.no_grad():
         lows, highs, _ = as_arrays(*network(rows.scenes))
 
-    def admits(index: int, room: float) -> bool:
-        problem, box = rows.problems[index], roomy(lows[index], highs[index], room)
-        return (
-            RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin
-            <= FEASIBLE_MARGIN
-        )
-
     open_rows, admitted, needed = list(range(len(rows))), 0, math.ceil(settings.target * len(rows))
     for _ in range(14):
         room = 0.5 * (least + most)
-        inside = [index for index in open_rows if admits(index, room)]
+        inside = [
+            index
+            for index in open_rows
+            if _admits(rows.problems[index], lows[index], highs[index], room, programs, settings)
+        ]
         if admitted + len(inside) >= needed:
             most, open_rows = room, inside
         else:
             least, admitted = room, admitted + len(inside)
             open_rows = sorted(set(open_rows) - set(inside))
     return most
+
+
+def _admits(
+    problem: Scaled,
+    low: Array,
+    high: Array,
+    room: float,
+    programs: Programs,
+    settings: NeuralSettings,
+) -> bool:
+    """Tell whether P1 admits a problem over its box with this room."""
+    relaxation, box = RELAXATIONS.get(settings.relaxation), roomy(low, high, room)
+    return relaxation.margin(programs, problem, box).margin <= FEASIBLE_MARGIN
 
 
 def roomiest(
@@ -564,17 +574,14 @@ def roomiest(
         sides = [as_arrays(*network(each.scenes)) for each in rows]
     left_out = [list(range(len(each))) for each in rows]
 
-    def admits(label: int, index: int, room: float) -> bool:
-        problem, (low, high, _) = rows[label].problems[index], sides[label]
-        box = roomy(low[index], high[index], room)
-        return (
-            RELAXATIONS.get(settings.relaxation).margin(programs, problem, box).margin
-            <= FEASIBLE_MARGIN
-        )
-
     def cost(room: float) -> float:
         for label, open_rows in enumerate(left_out):
-            left_out[label] = [index for index in open_rows if not admits(label, index, room)]
+            problems, (low, high, _) = rows[label].problems, sides[label]
+            left_out[label] = [
+                index
+                for index in open_rows
+                if not _admits(problems[index], low[index], high[index], room, programs, settings)
+            ]
         lost, refused = (
             len(open_rows) / len(each) for open_rows, each in zip(left_out, rows, strict=True)
         )

@@ -14,7 +14,6 @@ from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import check_fields, shown, typed
@@ -23,7 +22,14 @@ from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executors import Executor
-from ..selectors.genetic import BoxDescent, BoxFit, GeneticSettings, fit_genetic, fit_gradient
+from ..selectors.genetic import (
+    BoxDescent,
+    BoxFit,
+    GeneticSettings,
+    fit_genetic,
+    fit_gradient,
+    scaled_by_label,
+)
 from ..selectors.mixture import fit_as_printed, fit_improved, modes_of
 from ..selectors.selector import Learned, fitted, heuristic_envelope, quantile_box
 from .loop import StepsDone, run
@@ -284,8 +290,7 @@ def _margin_fit(
     dataset: Dataset, settings: FitSettings, progress: StepsDone | None
 ) -> Callable[[Envelope, NDArray[np.intp]], Envelope]:
     """Boundary_fit by P1's margins over the members' problems and all infeasible ones."""
-    feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
-    infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
+    feasible, infeasible = scaled_by_label(dataset)
     programs, done = Programs(), 0
 
     def count(*_: int) -> None:

@@ -20,6 +20,8 @@ from stancekit.planners.files.documents import parse_json
 from stancekit.planners.files.writing import first_difference, write_bytes
 
 FORMAT = "stancekit/fit/1"
+_MOST_BYTES = 2_000_000_000
+"""Largest checkpoint that is read: weights, and twice as much that the optimiser has seen."""
 Record = dict[str, Any]
 """Figures of a step, JSON-ready."""
 State = Mapping[str, NDArray[Any]]
@@ -62,9 +64,12 @@ class Checkpoint:
         return None if path is None else cls(path=path, about=about)
 
     def write(self, fit: Fit, history: list[Record]) -> None:
-        """Write the state of a run."""
+        """Write the state of a run, as it is: weights hardly become smaller, and to press them takes
+        as long as tens of batches.
+        """
         header = {"format": FORMAT, "about": self.about, "history": history}
-        write_bytes(self.path, archive_of({"header": json.dumps(header), **fit.state()}))
+        arrays = {"header": json.dumps(header), **fit.state()}
+        write_bytes(self.path, archive_of(arrays, compressed=False))
 
     def read(self, fit: Fit) -> list[Record]:
         """Restore the state of a fit, and return its records; no records if the file does not exist.
@@ -73,7 +78,7 @@ class Checkpoint:
         """
         if not self.path.exists():
             return []
-        state = read_archive(self.path)
+        state = read_archive(self.path, _MOST_BYTES)
         with located(str(self.path)):
             try:
                 header = parse_json(str(state.pop("header", '{"format": null}')), "header")

@@ -33,19 +33,19 @@ _LONGEST_HEADER = 10_000
 _SAID = "expected arrays without pickle"
 
 
-def archive_of(arrays: Mapping[str, Any]) -> bytes:
-    """Arrays and texts by name as a compressed .npz archive; equal ones give equal bytes."""
+def archive_of(arrays: Mapping[str, Any], *, compressed: bool = True) -> bytes:
+    """Arrays and texts by name as an .npz archive; equal ones give equal bytes."""
     content = io.BytesIO()
-    np.savez_compressed(content, **arrays)
+    (np.savez_compressed if compressed else np.savez)(content, **arrays)
     return content.getvalue()
 
 
-def read_archive(path: str | Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file by name.
+def read_archive(path: str | Path, most: int = MOST_BYTES) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz file of so many bytes at most, by name.
 
     Raises InvalidInput.
     """
-    return unpacked(read_bytes(path, MOST_BYTES), str(path))
+    return unpacked(read_bytes(path, most), str(path))
 
 
 def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:

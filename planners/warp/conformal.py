@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from time import process_time
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -190,7 +190,7 @@ def residual_slopes(jacobian: Array, cof: Array, det: Array) -> Array:
     ∂R = R [w]× with w = (tr(S)I − S)⁻¹ axial(Rᵀ∂J − ∂JᵀR) and S = RᵀJ (Corollary IV.1), ∂g = g/(3
     det) cof J : ∂J.
     """
-    turned, size = rotation(jacobian), np.cbrt(det)
+    turned, size = rotation(jacobian, cof=cof), np.cbrt(det)
     stretch = np.einsum("can,cbn->abn", turned, jacobian)
     trace = stretch[0, 0] + stretch[1, 1] + stretch[2, 2]
     inner = np.moveaxis(trace * np.eye(3)[:, :, None] - stretch, -1, 0)
@@ -237,6 +237,8 @@ CELLS, HEIGHT_M = (24, 24, 6), 2.3
 """The grid of a domain of 8 m, and the band: five times ANYmal's height at rest (Pan et al. §V)."""
 _MATCH_TOLERANCE_M = 0.0008
 """Distance by which the ground may miss the terrain where it is measured; 1 mm anywhere."""
+_HALVED = 2.0**4
+"""Factor by which a cubic spline's error falls when its grid lines are made twice as dense."""
 _BARRIER = 0.01
 _PUBLISHED_BARRIER = 0.001
 _MATCH_WEIGHT = 3.0
@@ -305,7 +307,7 @@ def flatten(
     Source:
         Pan et al. §IV-A and §IV-B; see ``fit_map`` for its own methods, and for a report.
     """
-    return fit_map(field, cells=cells, height_m=height_m).map
+    return _fast(field, _grid(field, cells, height_m), 100).map
 
 
 def fit_map(
@@ -334,11 +336,12 @@ def fit_map(
         raise InvalidInput(
             f"cells: expected {_FEWEST_CELLS} or more along each axis with {method}, got {cells}"
         )
-    grid = QuadratureGrid.of_band(
-        field.domain_m, checked(height_m, "height_m", above=0.0, most=100.0), _cells(cells), 2
-    )
+    grid = _grid(field, cells, height_m)
     if method == "fast":
-        return _fast(field, grid, iterations, began)
+        found = _fast(field, grid, iterations)
+        report = _report(method, field, found.map, found.descent, found.match, found.least, began)
+        unsnapped = match_error(replace(found.map, snap=None), field)
+        return MapFit(map=found.map, report=replace(report, unsnapped_m=unsnapped))
     energy = MapEnergy.published(
         grid, field, barrier=_PUBLISHED_BARRIER if method == "gauss-newton" else 0.0
     )
@@ -349,36 +352,46 @@ def fit_map(
     ]
     descent = solve(energy, grid.identity, iterations)
     warp = _map(field, grid, descent.psi)
-    return MapFit(
-        map=warp, report=_report(method, field, warp, descent, match_error(warp, field), began)
-    )
+    match, least = match_error(warp, field), least_determinant(warp)
+    return MapFit(map=warp, report=_report(method, field, warp, descent, match, least, began))
 
 
-def _fast(field: HeightField, grid: QuadratureGrid, iterations: int, began: float) -> MapFit:
+class _Snapped(NamedTuple):
+    """A map whose ground is laid on the terrain, the descent that it comes of, and what
+    ``match_error`` and ``least_determinant`` say of it.
+    """
+
+    map: SplineMap
+    descent: Descent
+    match: tuple[float, float]
+    least: tuple[float, Array]
+
+
+def _fast(field: HeightField, grid: QuadratureGrid, iterations: int) -> _Snapped:
+    began = process_time()
     failed = "the terrain is too steep"
     for target, sigma in _targets(field, grid):
         energy = MapEnergy(grid=grid, field=target, match_weight=_MATCH_WEIGHT, barrier=_BARRIER)
         descent = descend(energy, shear(grid, target), iterations)
         smooth = f"matched the terrain smoothed over {sigma:.2g} m before the snap" if sigma else ""
         try:
-            fit = _snapped(field, grid, descent, smooth, began)
+            found = _snapped(field, grid, descent, smooth)
         except PlanningFailed as error:
             failed = str(error)
             continue
-        if fit.report.least_det >= DET_FLOOR:
-            return fit
-        failed = f"min det J is {fit.report.least_det:.3f} after the snap"
+        if found.least[0] >= DET_FLOOR:
+            return found
+        failed = f"min det J is {found.least[0]:.3f} after the snap"
     start = shear(grid, field)
     history = [MapEnergy(grid=grid, field=field, match_weight=_MATCH_WEIGHT).at(start)]
     plain = Descent(psi=start, history=history, seconds=[process_time() - began], evaluations=1)
     message = f"a shear (x, y, z + h), for no optimised map will do: {failed}"
-    fit = _snapped(field, grid, plain, message, began, fade_m=1e3 * grid.axes[2].high)
-    if not fit.report.least_det > 0.0:
+    found = _snapped(field, grid, plain, message, fade_m=1e3 * grid.axes[2].high)
+    if not found.least[0] > 0.0:
         raise PlanningFailed(
-            f"{field.name or 'terrain'}: {message}; the shear's min det J "
-            f"{fit.report.least_det:.3f}"
+            f"{field.name or 'terrain'}: {message}; the shear's min det J {found.least[0]:.3f}"
         )
-    return fit
+    return found
 
 
 def _targets(field: HeightField, grid: QuadratureGrid) -> Iterator[tuple[HeightField, float]]:
@@ -400,10 +413,9 @@ def _snapped(
     grid: QuadratureGrid,
     descent: Descent,
     message: str,
-    began: float,
     fade_m: float | None = None,
-) -> MapFit:
-    """The map of a descent, its ground laid exactly on the terrain, with its report.
+) -> _Snapped:
+    """The map of a descent, its ground laid exactly on the terrain.
 
     Raises PlanningFailed where the map's own ground folds over, or where the snap misses the
     terrain by over 1 mm.
@@ -421,18 +433,15 @@ def _snapped(
         warp = replace(bare, snap=_with_margin(x, y, delta), fade_m=fade)
         match = match_error(warp, field)
         if match[0] <= _MATCH_TOLERANCE_M:
+            message = "; ".join(part for part in (descent.message, message) if part)
+            descent = replace(descent, message=message)
+            return _Snapped(warp, descent, match, least_determinant(warp))
+        if match[0] > _HALVED * _MATCH_TOLERANCE_M:
             break
         x, y = (np.linspace(line[0], line[-1], 2 * len(line) - 1) for line in (x, y))
-    else:
-        raise PlanningFailed(
-            f"{field.name or 'terrain'}: finer than a map of {bare.cells} cells can hold: its "
-            "ground misses it by "
-            f"{1e3 * match[0]:.1f} mm, expected {1e3 * _MATCH_TOLERANCE_M:g} mm or less"
-        )
-    report = _report("fast", field, warp, descent, match, began)
-    message = "; ".join(part for part in (descent.message, message) if part)
-    return MapFit(
-        map=warp, report=replace(report, unsnapped_m=match_error(bare, field), message=message)
+    raise PlanningFailed(
+        f"{field.name or 'terrain'}: finer than a map of {bare.cells} cells can hold: its ground "
+        f"misses it by {1e3 * match[0]:.1f} mm, expected {1e3 * _MATCH_TOLERANCE_M:g} mm or less"
     )
 
 
@@ -477,17 +486,17 @@ def _report(
     warp: SplineMap,
     descent: Descent,
     match: tuple[float, float],
+    least: tuple[float, Array],
     began: float,
 ) -> MapReport:
-    least, where = least_determinant(warp)
     return MapReport(
         method=method,
         terrain=field.name,
         cells=warp.cells,
         ground_error=conformal_error(warp),
         torso_error=conformal_error(warp, TORSO_M),
-        least_det=least,
-        least_det_at_m=where,
+        least_det=least[0],
+        least_det_at_m=least[1],
         match_m=match,
         unsnapped_m=match,
         energy=np.array(
@@ -498,6 +507,15 @@ def _report(
         cpu_s=process_time() - began,
         message=descent.message,
     )
+
+
+def _grid(field: HeightField, cells: tuple[int, int, int], height_m: float) -> QuadratureGrid:
+    """The grid over a terrain.
+
+    Raises InvalidInput.
+    """
+    height = checked(height_m, "height_m", above=0.0, most=100.0)
+    return QuadratureGrid.of_band(field.domain_m, height, _cells(cells), 2)
 
 
 def _cells(cells: tuple[int, int, int]) -> tuple[int, int, int]:

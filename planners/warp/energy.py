@@ -40,14 +40,17 @@ def determinant(jacobian: Array, cof: Array | None = None) -> Array:
     )
 
 
-def rotation(jacobian: Array, steps: int = _NEWTON_STEPS) -> Array:
+def rotation(jacobian: Array, steps: int = _NEWTON_STEPS, cof: Array | None = None) -> Array:
     """The rotation nearest to J, shape (3, 3, N…): Newton's R ← ½(γR + R⁻ᵀ/γ) with γ = |det
     R|^(−1/3).
 
     Where det J ≤ 0 Newton would find a reflection: there by SVD, with the smallest singular value
     turned round.
+
+    Arguments:
+        cof: cof J, where it is known.
     """
-    cof = cofactor(jacobian)
+    cof = cofactor(jacobian) if cof is None else cof
     det = determinant(jacobian, cof)
     bad = ~(det > 1e-12)
     any_bad = bool(bad.any())
@@ -63,11 +66,19 @@ def rotation(jacobian: Array, steps: int = _NEWTON_STEPS) -> Array:
         size = np.cbrt(det)
         turned = turned * (0.5 / size) + cof * (0.5 * size / det)
     if any_bad:
-        u, _, vt = np.linalg.svd(np.moveaxis(jacobian[:, :, bad], -1, 0))
-        u[:, :, 2] *= np.sign(np.linalg.det(u) * np.linalg.det(vt))[:, None]
         turned = np.array(turned)
-        turned[:, :, bad] = np.moveaxis(u @ vt, 0, -1)
+        found = nearest_rotation(np.moveaxis(jacobian[:, :, bad], -1, 0))
+        turned[:, :, bad] = np.moveaxis(found, 0, -1)
     return turned
+
+
+def nearest_rotation(jacobian: Array) -> Array:
+    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F (W12), shape (…, 3, 3) → (…, 3, 3): U Vᵀ, where det J <
+    0 with the smallest singular value turned round.
+    """
+    u, _, vt = np.linalg.svd(jacobian)
+    u[..., 2] *= np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)[..., None]
+    return np.asarray(u @ vt)
 
 
 def singular_values(jacobian: Array) -> Array:
@@ -197,7 +208,7 @@ class MapEnergy:
 
 def _nearest(jacobian: Array, cof: Array, det: Array) -> tuple[Array, Array]:
     """ρ = min ‖J − sR‖² over similarities sR, and ∂ρ/∂J."""
-    turned = rotation(jacobian)
+    turned = rotation(jacobian, cof=cof)
     size = np.einsum("ab...,ab...->...", turned, jacobian) / 3.0
     stress = 2.0 * (jacobian - turned * size)
     return np.einsum("ab...,ab...->...", jacobian, jacobian) - 3.0 * size**2, stress
@@ -207,7 +218,7 @@ def _published(jacobian: Array, cof: Array, det: Array) -> tuple[Array, Array]:
     """ρ = ‖J − UVᵀ|Σ|^(1/3)‖² as printed, the same for J and −J, and ∂ρ/∂J."""
     sign = np.where(det < 0.0, -1.0, 1.0)
     jacobian, det = jacobian * sign, np.maximum(np.abs(det), 1e-12)
-    turned, size = rotation(jacobian), np.cbrt(det)
+    turned, size = rotation(jacobian, cof=cof), np.cbrt(det)
     trace = np.einsum("ab...,ab...->...", turned, jacobian)
     stress = 2.0 * (jacobian - turned * size) - cof * (
         2.0 * (trace - 3.0 * size) * size / (3.0 * det)

@@ -33,12 +33,6 @@ _POLAR_STEPS = 8
 """Exact to rounding for Jacobians whose singular values differ by a factor of up to 100."""
 
 
-def nearest_rotation(jacobian: Array) -> Array:
-    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F (W12), shape (…, 3, 3) → (…, 3, 3)."""
-    u, _, vt = _signed_svd(np.asarray(jacobian, dtype=np.float64))
-    return np.asarray(u @ vt)
-
-
 def polar_function(steps: int = _POLAR_STEPS) -> ca.Function:
     """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) (W12) for det J > 0 by Newton's R ← ½(γR +
     R⁻ᵀ/γ), γ = det(R)^(−⅓).
@@ -58,15 +52,6 @@ def polar_function(steps: int = _POLAR_STEPS) -> ca.Function:
         size = ca.exp(ca.log(determinant) / 3.0)
         turned = 0.5 * (turned / size + cofactor * (size / determinant))
     return ca.Function("polar", [jacobian], [turned], ["J"], ["R"])
-
-
-def _signed_svd(jacobian: Array) -> tuple[Array, Array, Array]:
-    """U, Σ and Vᵀ with U Vᵀ in SO(3): where det J < 0 the smallest singular value is negative."""
-    u, sigma, vt = np.linalg.svd(jacobian)
-    sign = np.where(np.linalg.det(u @ vt) < 0.0, -1.0, 1.0)
-    u[..., :, 2] *= sign[..., None]
-    sigma[..., 2] *= sign
-    return u, sigma, vt
 
 
 _NEWTON_STEPS = 30
@@ -92,49 +77,63 @@ def surface(bases: Sequence[CubicBasis], control: Array, at: Array) -> tuple[Arr
     return value, along_x, along_y
 
 
-def _inverted(
-    function: Callable[[Array], tuple[Array, Array]], goal: Array, starts: Array, images: Array
-) -> Array:
-    """Newton's method for function(x) = goal, (N, k), from the start, (M, k), whose image is the
-    nearest.
-
-    Arguments:
-        function: values and Jacobians at points, (N, k) → (N, k), (N, k, k). A step that does not
-            help is halved.
-
-    Raises:
-        PlanningFailed: for a goal that it does not reach.
+class _Starts:
+    """Points from which Newton's method inverts a map, shape (k, …), with their images, likewise,
+    and the Jacobians there, shape (k, k, …).
     """
-    from scipy.spatial import cKDTree
 
-    points = starts[cKDTree(images).query(goal)[1]]
-    at, jacobian = function(points)
-    miss, share, left = np.linalg.norm(at - goal, axis=1), np.ones(len(goal)), np.arange(len(goal))
-    for _ in range(_NEWTON_STEPS):
-        left = left[miss[left] > 1e-11]
-        if not left.size:
-            break
-        try:
-            step = np.linalg.solve(jacobian[left], (goal[left] - at[left])[..., None])[..., 0]
-        except np.linalg.LinAlgError:
-            break
-        tried = points[left] + share[left, None] * step
-        tried_at, tried_jacobian = function(tried)
-        tried_miss = np.linalg.norm(tried_at - goal[left], axis=1)
-        better = tried_miss < miss[left]
-        share[left] = np.where(better, np.minimum(1.0, 2.0 * share[left]), 0.5 * share[left])
-        left_better = left[better]
-        points[left_better], at[left_better], jacobian[left_better] = (
-            tried[better],
-            tried_at[better],
-            tried_jacobian[better],
+    def __init__(self, points: Array, images: Array, jacobians: Array) -> None:
+        from scipy.spatial import cKDTree
+
+        size = len(points)
+        self._points, self._images = (each.reshape(size, -1).T for each in (points, images))
+        self._jacobians = np.moveaxis(jacobians.reshape(size, size, -1), -1, 0)
+        self._tree = cKDTree(self._images)
+
+    def inverted(self, function: Callable[[Array], tuple[Array, Array]], goal: Array) -> Array:
+        """Newton's method for function(x) = goal, (N, k), from the start whose image is the nearest.
+
+        Arguments:
+            function: values and Jacobians at points, (N, k) → (N, k), (N, k, k). A step that does
+                not help is halved.
+
+        Raises:
+            PlanningFailed: for a goal that it does not reach.
+        """
+        nearest = self._tree.query(goal)[1]
+        points, at, jacobian = (
+            each[nearest] for each in (self._points, self._images, self._jacobians)
         )
-        miss[left_better] = tried_miss[better]
-    if miss.size and not miss.max() < 1e-8:
-        worst = int(miss.argmax())
-        place = ", ".join(f"{value:.3f}" for value in goal[worst])
-        raise PlanningFailed(f"map: reaches ({place}) m only to {1e3 * miss[worst]:.3g} mm")
-    return points
+        miss, share, left = (
+            np.linalg.norm(at - goal, axis=1),
+            np.ones(len(goal)),
+            np.arange(len(goal)),
+        )
+        for _ in range(_NEWTON_STEPS):
+            left = left[miss[left] > 1e-11]
+            if not left.size:
+                break
+            try:
+                step = np.linalg.solve(jacobian[left], (goal[left] - at[left])[..., None])[..., 0]
+            except np.linalg.LinAlgError:
+                break
+            tried = points[left] + share[left, None] * step
+            tried_at, tried_jacobian = function(tried)
+            tried_miss = np.linalg.norm(tried_at - goal[left], axis=1)
+            better = tried_miss < miss[left]
+            share[left] = np.where(better, np.minimum(1.0, 2.0 * share[left]), 0.5 * share[left])
+            left_better = left[better]
+            points[left_better], at[left_better], jacobian[left_better] = (
+                tried[better],
+                tried_at[better],
+                tried_jacobian[better],
+            )
+            miss[left_better] = tried_miss[better]
+        if miss.size and not miss.max() < 1e-8:
+            worst = int(miss.argmax())
+            place = ", ".join(f"{value:.3f}" for value in goal[worst])
+            raise PlanningFailed(f"map: reaches ({place}) m only to {1e3 * miss[worst]:.3g} mm")
+        return points
 
 
 FORMAT = "stancekit/warp/1"
@@ -278,7 +277,7 @@ class SplineMap:
         jacobian = np.stack(
             [self._on(lines, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))], axis=1
         )
-        if self.snap is not None:
+        if self.snap is not None and np.min(z) < self.fade_m:  # beyond, nothing is left of it
             extra, slope = self.snap.height_and_gradient(np.moveaxis(point[:2], 0, -1))
             fade, faster = fading(np.asarray(z, dtype=np.float64), self.fade_m)
             point[2] += fade * extra
@@ -301,19 +300,18 @@ class SplineMap:
         Raises PlanningFailed for a point that φ does not reach.
         """
         points = np.asarray(points, dtype=np.float64)
+        flat = self._starts.inverted(self.points_and_jacobians, points.reshape(-1, 3))
+        return flat.reshape(points.shape)
+
+    @cached_property
+    def _starts(self) -> _Starts:
+        """A grid twice as dense as the cells."""
         spans = (*self.domain_m, (0.0, self.height_m))
         lines = [
             np.linspace(low, high, 2 * n + 1)
             for (low, high), n in zip(spans, self.cells, strict=True)
         ]
-        starts, images = np.stack(np.meshgrid(*lines, indexing="ij")), self.on_grid(*lines)[0]
-        result = _inverted(
-            self.points_and_jacobians,
-            points.reshape(-1, 3),
-            starts.reshape(3, -1).T,
-            images.reshape(3, -1).T,
-        )
-        return result.reshape(points.shape)
+        return _Starts(np.stack(np.meshgrid(*lines, indexing="ij")), *self.on_grid(*lines))
 
     def ground_inverse(self, xy: Array) -> tuple[Array, Array]:
         """(x̄, ȳ) with s_xy(x̄, ȳ, 0) = (x, y), and s_z there: (…, 2) [m] → (…, 2) [m], (…) [m], s
@@ -322,28 +320,37 @@ class SplineMap:
         Raises PlanningFailed for a point that the ground of s does not reach.
         """
         xy = np.asarray(xy, dtype=np.float64)
-        bases = self._bases[:2]
-        ground = self._padded @ self._bases[2].matrix(np.zeros(1)).toarray()[0]
-        lines = [
-            np.linspace(low, high, 8 * n + 1)
-            for (low, high), n in zip(self.domain_m, self.cells[:2], strict=True)
-        ]
-        rows = [basis.matrix(line).toarray() for basis, line in zip(bases, lines, strict=True)]
-        starts, images = (
-            np.stack(np.meshgrid(*lines, indexing="ij")),
-            rows[0] @ ground[:2] @ rows[1].T,
-        )
+        bases, ground = self._bases[:2], self._ground
 
         def plan(at: Array) -> tuple[Array, Array]:
             value, along_x, along_y = surface(bases, ground[:2], at)
             return value, np.stack([along_x, along_y], axis=-1)
 
-        points = _inverted(
-            plan, xy.reshape(-1, 2), starts.reshape(2, -1).T, images.reshape(2, -1).T
+        points = self._ground_starts.inverted(plan, xy.reshape(-1, 2))
+        height = surface(bases, ground[2:], points)[0]
+        return points.reshape(xy.shape), height.reshape(xy.shape[:-1])
+
+    @cached_property
+    def _ground(self) -> Array:
+        """Control points of the ground of s, shape (3, …) [m]."""
+        return np.asarray(self._padded @ self._bases[2].matrix(np.zeros(1)).toarray()[0])
+
+    @cached_property
+    def _ground_starts(self) -> _Starts:
+        """A grid of the ground eight times as dense as the cells."""
+        lines = [
+            np.linspace(low, high, 8 * n + 1)
+            for (low, high), n in zip(self.domain_m, self.cells[:2], strict=True)
+        ]
+        (x, dx), (y, dy) = (
+            [basis.matrix(line, order).toarray() for order in (0, 1)]
+            for basis, line in zip(self._bases, lines, strict=False)
         )
-        return points.reshape(xy.shape), surface(bases, ground[2:], points)[0].reshape(
-            xy.shape[:-1]
+        images, *slopes = (
+            rows @ self._ground[:2] @ columns.T for rows, columns in ((x, y), (dx, y), (x, dy))
         )
+        starts = np.stack(np.meshgrid(*lines, indexing="ij"))
+        return _Starts(starts, images, np.stack(slopes, axis=1))
 
     def check_fits(self, field: HeightField) -> None:
         """Raise InvalidInput unless the map was made for this terrain."""

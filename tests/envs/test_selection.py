@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env, data_equivalence as same
 
 import stancekit.envs
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
-from stancekit.envs.reward import RewardWeights
+from stancekit.envs.episodes import RewardWeights
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import VERTICES, EnvelopeSelectionEnv
 from stancekit.planners.errors import PlanningFailed

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from itertools import combinations_with_replacement
 from math import factorial, prod
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,16 @@ from ...terrain.heightfield import CubicBasis
 if TYPE_CHECKING:
     from ...terrain.heightfield import HeightField
     from ...warp.spline_map import SplineMap
+
+
+@cache
+def powers(inputs: int, order: int) -> tuple[tuple[int, ...], ...]:
+    """Multi-indices α of so many variables with |α| ≤ order, by growing |α|."""
+    return tuple(
+        tuple(axes.count(k) for k in range(inputs))
+        for degree in range(order + 1)
+        for axes in combinations_with_replacement(range(inputs), degree)
+    )
 
 
 class TaylorMap:
@@ -51,17 +62,9 @@ class TaylorMap:
         """h(x, y) of a terrain."""
         return cls(*field.spline, homogeneous=True)
 
-    def powers(self, order: int) -> list[tuple[int, ...]]:
-        """Multi-indices α with |α| ≤ order, by growing |α|."""
-        exponents = []
-        for degree in range(order + 1):
-            for axes in combinations_with_replacement(range(self.inputs), degree):
-                exponents.append(tuple(axes.count(k) for k in range(self.inputs)))
-        return exponents
-
     def size(self, order: int) -> int:
         """Length of a jet of this order."""
-        return int(self.outputs * len(self.powers(order)))
+        return int(self.outputs * len(powers(self.inputs, order)))
 
     def at(self, points: Array, order: int) -> Array:
         """Jets at points, shape (K, d) → (K, size)."""
@@ -78,10 +81,10 @@ class TaylorMap:
         near = self._control.reshape(self.outputs, -1)[:, flat]
         parts: dict[tuple[int, ...], Array] = {(): near.reshape(*near.shape[:2], *steps.shape)}
         for axis in reversed(range(self.inputs)):  # along the last axis first
-            for power in {power[axis:] for power in self.powers(order)}:
+            for power in powers(self.inputs - axis, order):
                 rest = parts[power[1:]]
                 parts[power] = np.einsum("cn...k,nk->cn...", rest, weights[axis][power[0]])
-        return np.concatenate([parts[power] for power in self.powers(order)]).T
+        return np.concatenate([parts[power] for power in powers(self.inputs, order)]).T
 
     def polynomial(self, order: int) -> cs.Function:
         """Function of (point, base, jet) to the Taylor polynomial's value (m) and Jacobian (m,
@@ -98,7 +101,7 @@ class TaylorMap:
     def taylor(self, point: cs.SX, base: cs.SX, jet: cs.SX, order: int) -> cs.SX:
         """The Taylor polynomial about ``base`` at ``point``, shape (m)."""
         away, value = point - base, cs.SX.zeros(self.outputs)
-        for index, power in enumerate(self.powers(order)):
+        for index, power in enumerate(powers(self.inputs, order)):
             term = prod((away[k] ** n for k, n in enumerate(power) if n), start=cs.SX(1))
             scale = prod(factorial(n) for n in power)
             value = value + jet[index * self.outputs : (index + 1) * self.outputs] * term / scale

@@ -17,11 +17,14 @@ from stancekit.envs.distributions.courses import grips, icy_walls, perturbed
 from stancekit.envs.distributions.cut import CutDistribution, Places
 from stancekit.envs.distributions.postures import (
     DISTRIBUTIONS,
+    PAPER_LEGS,
+    Law,
     PostureDistribution,
+    StandingRobot,
     composed,
     distribution,
+    paper_stance,
 )
-from stancekit.envs.distributions.stance import PAPER_LEGS, Law, StandingRobot, paper_stance
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput

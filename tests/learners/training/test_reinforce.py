@@ -13,9 +13,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.episodes import MemorylessPolicy, largest_gap
+from stancekit.envs.episodes import MemorylessPolicy, RewardWeights, largest_gap
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.reward import RewardWeights
 from stancekit.envs.scenes import ListedScenes, PooledScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv

@@ -17,6 +17,7 @@ from stancekit.planners.warp.energy import (
     MapEnergy,
     cofactor,
     determinant,
+    nearest_rotation,
     nearest_similarity,
     published_similarity,
     rotation,
@@ -25,7 +26,7 @@ from stancekit.planners.warp.energy import (
 )
 from stancekit.planners.warp.local_global import accelerated, published
 from stancekit.planners.warp.quadrature import QuadratureGrid
-from stancekit.planners.warp.spline_map import SplineMap, fading, nearest_rotation, polar_function
+from stancekit.planners.warp.spline_map import SplineMap, fading, polar_function
 from tests.refusals import at_once, refuses
 
 RNG = np.random.default_rng(0)
