@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1363, 16692),
-    "cli": (3326, 39393),
+    "api": (1358, 16669),
+    "cli": (3210, 38998),
     "configs": (3, 30),
-    "envs": (3130, 42906),
-    "learners": (5262, 77750),
-    "planners": (35063, 579214),
-    "runner": (6632, 90891),
-    "views": (4314, 69511),
+    "envs": (3084, 42684),
+    "learners": (5259, 77682),
+    "planners": (35039, 578356),
+    "runner": (6504, 89475),
+    "views": (4303, 68822),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
