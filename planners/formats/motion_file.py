@@ -25,7 +25,7 @@ from ..answer.plan import WHOLE_BODY, Plan
 from ..answer.report import Report, verdict_digest, whole_body
 from ..answer.trajectory import WalkQuestion, robot_from_json
 from ..errors import InvalidInput, located, not_installed, require
-from ..files.arrays import unpacked
+from ..files.arrays import read_only, unpacked
 from ..files.codec import extracted
 from ..files.documents import read_json, shown, validated
 from ..files.writing import check_writable, first_difference, remove_leftovers, write_text
@@ -100,7 +100,7 @@ def _leap(data: Any, where: str) -> Leap:
 def _crossing(
     data: Mapping[str, Any], where: str, arrays: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
-    keys = {"format": str, "name": str, "refusal": str, "parts": list}
+    keys = {"format": str, "name": str, "goal_m": list, "refusal": str, "parts": list}
     _check_keys(data, {**keys, "certificate": object}, where)
     require(
         0 < len(data["parts"]) <= _MOST_PARTS,
@@ -110,6 +110,7 @@ def _crossing(
     proof = data["certificate"]
     proved = None if proof is None else certificate_from(proof, f"{where}: certificate")
     told = {name: data[name] for name in ("name", "refusal")}
+    told["goal_m"] = read_only(data["goal_m"], (2,), f"{where}: goal_m")
     return {"problem": Way(**told, course=parts[0].problem, certificate=proved), "parts": parts}
 
 

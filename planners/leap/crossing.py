@@ -238,7 +238,13 @@ class _Crossing:
                 message=f"key frames alone: {self.refusal}; with leaps: {why}",
             )
         course = parts[0].problem
-        way = Way(name=course.name, course=course, refusal=self.refusal, certificate=self.proof)
+        way = Way(
+            name=course.name,
+            course=course,
+            goal_m=np.array(self.question.goal_m),
+            refusal=self.refusal,
+            certificate=self.proof,
+        )
         crossing = Motion(problem=way, parts=tuple(parts))
         report = check_crossing(crossing)
         return Answer(

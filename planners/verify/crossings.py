@@ -21,7 +21,6 @@ from ..files.codec import to_json
 from ..motion.leap_motion import body_of
 from ..physics import GRAVITY_M_S2
 from ..problem.passage import Passage
-from ..problem.problem import Problem
 from ..robot.model import Robot
 from ..terrain.obstacles import Obstacles
 from .bodies import looked_at
@@ -39,7 +38,7 @@ _JOINTS_RAD = 0.25
 by which key frames go, make of one pose [rad]."""
 _BROKEN = np.inf
 """Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
-_UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
+_UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad"}
 
 
 _End = tuple[Array, Array, Array, Array | None]
@@ -51,14 +50,16 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
     """Judge a crossing; never raises for a bad one.
 
     The groups are one per part, named "1: climb", "2: leap" and so on, with what its own verifier
-    says; and per seam between two parts toes, body, turn, joints and rest. Of every leap, "flight":
-    its whole body against all surfaces of the terrain, and "ground": its toes on the terrain.
+    says; per seam between two parts toes, body, turn and joints; and "goal", where all of it ends.
+    Of every leap, "flight": its whole body against all surfaces of the terrain, and "ground": its
+    toes on the terrain.
     """
     groups, defect = list[Group](), _defect(crossing)
     if not defect:
         groups += _parts(crossing)
         if not any(group.value == _BROKEN for group in groups):
             groups += _seams(crossing)
+            groups.append(_goal(crossing))
         groups += _proof(crossing)
     return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
 
@@ -173,6 +174,16 @@ def _end(part: Motion[Any], *, last: bool) -> _End:
     return com, rotation, toes, None
 
 
+def _goal(crossing: Crossing) -> Group:
+    """Distance of where the last part ends from where the way is to end: parts that all hold may
+    lead elsewhere.
+    """
+    asked = crossing.problem
+    away_m = float(np.linalg.norm(crossing.parts[-1].com_m[-1, :2] - asked.goal_m))
+    limit_m = float(asked.course.com_radius_m[-1]) + _BODY_M
+    return Group("goal", value=away_m, limit=limit_m, unit="m")
+
+
 def _proof(crossing: Crossing) -> Iterator[Group]:
     """The proof that no balanced motion leads from start to goal, where there is one."""
     proof = crossing.problem.certificate
@@ -189,14 +200,13 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
 
 def _another(crossing: Crossing, problem: Any) -> str:
     """What a proof speaks of in place of the way of a crossing; empty for that way."""
-    first, last = crossing.problem.course, crossing.parts[-1].problem
+    way = crossing.problem
     if problem is None or differs(crossing.robot, problem.robot):
         return "of another robot"
-    if to_json(getattr(problem, "terrain", ())) != to_json(first.terrain):
+    if to_json(getattr(problem, "terrain", ())) != to_json(way.terrain):
         return "over another terrain"
     if not isinstance(problem, Passage):
         return "of one layout of key frames, which proves nothing of others"
-    if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > _BODY_M:
+    if np.linalg.norm(problem.start_m - way.course.com_nominal_m[0, :2]) > _BODY_M:
         return "of another start"
-    goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
-    return "of another goal" if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M else ""
+    return "of another goal" if np.linalg.norm(problem.goal_m - way.goal_m) > _BODY_M else ""
