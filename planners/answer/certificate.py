@@ -17,7 +17,7 @@ from ..problem.leap import Leap
 from ..problem.passage import Passage
 from ..robot.model import Robot
 from ..terrain.patch import Patch
-from .motion import Evidence, Motion, held, left_unchecked
+from .motion import Evidence, held, left_unchecked
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
@@ -237,6 +237,3 @@ class Way:
             "parts": [],
             "certificate": None if proof is None else proof.content(),
         }
-
-
-Crossing = Motion[Way]

@@ -308,6 +308,21 @@ class Motion(Evidence, Generic[Q]):
         return self.problem.robot
 
     @property
+    def legged(self) -> Robot:
+        """The robot with its limbs and joints, that of a walk as ``walking_robot`` has it.
+
+        Raises InvalidInput where the joints of a walk are not known.
+        """
+        from ..robot.model import walking_robot  # slow to import
+
+        return walking_robot(self.robot) if self.has("times_s") else self.robot
+
+    @property
+    def part_words(self) -> tuple[str, ...]:
+        """What the parts of a way are called."""
+        return tuple("climb" if part.keyed else part.word for part in self.parts)
+
+    @property
     def gravity_m_s2(self) -> float:
         """Gravity that it counts on [m/s²], where its problem says nothing else."""
         return float(getattr(self.problem, "gravity_m_s2", GRAVITY_M_S2))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.certificate import Crossing
+from ..answer.certificate import Way
 from ..answer.motion import Motion
 from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
@@ -30,7 +30,7 @@ BLEND_S = 1.0
 _BLEND_KNOTS = 10
 
 
-def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) -> Played:
+def crossing_motion(crossing: Motion[Way], climbs: Sequence[Played] | None = None) -> Played:
     """A crossing over time; ``Samples.frame`` counts seconds.
 
     Arguments:
@@ -110,7 +110,7 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
 
 
 def _numbered(
-    crossing: Crossing, parts: Sequence[Played]
+    crossing: Motion[Way], parts: Sequence[Played]
 ) -> tuple[list[NDArray[np.int_]], tuple[str, ...]]:
     """Number of every foothold of every part in the whole, those that stand when a part begins
     being those of the one before; and what each is called.
@@ -129,7 +129,7 @@ def _numbered(
     return numbers, tuple(names)
 
 
-def plans_of(crossing: Crossing) -> list[Plan]:
+def plans_of(crossing: Motion[Way]) -> list[Plan]:
     """The plans of key frames of a crossing, in order.
 
     Raises InvalidInput for one whose plans are not executed.

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..answer.certificate import Crossing
+from ..answer.certificate import Way
 from ..answer.motion import Motion
 from ..answer.plan import LeapPlan, Plan
 from ..answer.report import Group, Report
@@ -46,7 +46,7 @@ _End = tuple[Array, Array, Array, Array | None]
 they are known."""
 
 
-def check_crossing(crossing: Crossing) -> Report[Crossing]:
+def check_crossing(crossing: Motion[Way]) -> Report[Motion[Way]]:
     """Judge a crossing; never raises for a bad one.
 
     The groups are one per part, named "1: climb", "2: leap" and so on, with what its own verifier
@@ -64,7 +64,7 @@ def check_crossing(crossing: Crossing) -> Report[Crossing]:
     return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
 
 
-def _defect(crossing: Crossing) -> str:
+def _defect(crossing: Motion[Way]) -> str:
     """Reason why the parts are not parts of one way; empty where there is none."""
     first = crossing.problem.course
     terrain, robot, gravity = to_json(first.terrain), to_json(first.robot), first.gravity_m_s2
@@ -104,7 +104,7 @@ def differs(mine: Robot, other: Robot) -> str:
     return "their legs are of different files" if both else "only one of them has legs of its own"
 
 
-def _parts(crossing: Crossing) -> Iterator[Group]:
+def _parts(crossing: Motion[Way]) -> Iterator[Group]:
     for k, part in enumerate(crossing.parts, 1):
         if part.keyed:
             yield _verdict(f"{k}: climb", check_plan(part, joints=True))
@@ -126,7 +126,7 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     return Group(name, value=worst, limit=report.tolerance, unit="1", verdict="holds")
 
 
-def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
+def _over(crossing: Motion[Way], k: int, plan: LeapPlan) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
     off = off_terrain(crossing.problem.terrain, plan.patches, np.asarray(plan.toes_m))
     j = int(np.argmax(off))
@@ -135,7 +135,7 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     yield looked_at(name, lambda: LeapBodyMeasurements(body_of(plan)).bodies(name, around))
 
 
-def _seams(crossing: Crossing) -> Iterator[Group]:
+def _seams(crossing: Motion[Way]) -> Iterator[Group]:
     """Gaps between each part and the next."""
     for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
         name, names = f"{k} to {k + 1}", crossing.robot.limb_names
@@ -174,7 +174,7 @@ def _end(part: Motion[Any], *, last: bool) -> _End:
     return com, rotation, toes, None
 
 
-def _goal(crossing: Crossing) -> Group:
+def _goal(crossing: Motion[Way]) -> Group:
     """Distance of where the last part ends from where the way is to end: parts that all hold may
     lead elsewhere.
     """
@@ -184,7 +184,7 @@ def _goal(crossing: Crossing) -> Group:
     return Group("goal", value=away_m, limit=limit_m, unit="m")
 
 
-def _proof(crossing: Crossing) -> Iterator[Group]:
+def _proof(crossing: Motion[Way]) -> Iterator[Group]:
     """The proof that no balanced motion leads from start to goal, where there is one."""
     proof = crossing.problem.certificate
     if proof is None:
@@ -198,7 +198,7 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
     )
 
 
-def _another(crossing: Crossing, problem: Any) -> str:
+def _another(crossing: Motion[Way], problem: Any) -> str:
     """What a proof speaks of in place of the way of a crossing; empty for that way."""
     way = crossing.problem
     if problem is None or differs(crossing.robot, problem.robot):

@@ -35,7 +35,6 @@ from stancekit.planners.motion.plan_motion import KNOTS, Timing, plan_motion
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.leg import ActuatorModel, continued
-from stancekit.planners.robot.model import walking_robot
 
 from ..acceptance import JointNeeds
 from ..control.foot_placement import ContactFeedback
@@ -571,8 +570,7 @@ def joint_motion(subject: Motion[Any], rate_hz: float = RATE_HZ) -> Played:
     """
     if subject.has("timing") and not subject.robot.own:
         raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
-    walks = subject.has("times_s")
-    robot = walking_robot(subject.robot) if walks else subject.robot
+    walks, robot = subject.has("times_s"), subject.legged
     kinematics = Kinematics(robot, gravity_m_s2=subject.gravity_m_s2)
     drives = Drives.of(kinematics.model)
 
