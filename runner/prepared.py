@@ -17,7 +17,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.gait_motion import crossing_motion, gait_motion, plans_of
+from stancekit.planners.motion.gait_motion import crossing_motion, gait_motion
 from stancekit.planners.motion.leap_motion import leap_motion
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.path import LIFT_M, path_of
@@ -313,7 +313,7 @@ def _climbs(
 ) -> list[Played]:
     """The climbs of a crossing, timed as any plan's."""
     climbs = list[Played]()
-    for plan in plans_of(accepted.plan):
+    for plan in accepted.plan.climbs:
         motion, wished = unhurried_plan(
             plan,
             kinematics,

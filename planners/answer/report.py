@@ -336,7 +336,7 @@ class Report(Generic[S]):
             "not_checked": list(self.unchecked),
             "limits": dict(self.limits),
             "doubts": list(self.answer.doubts),
-            "figures": _finite(self.figures),
+            "figures": finite(self.figures),
             "groups": [group.to_json() for group in self.groups],
         }
 
@@ -371,6 +371,6 @@ def or_null(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _finite(figures: Mapping[str, float]) -> dict[str, float | None]:
+def finite(figures: Mapping[str, float]) -> dict[str, float | None]:
     """Figures as JSON-ready values."""
     return {name: or_null(value) for name, value in figures.items()}

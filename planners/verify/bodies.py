@@ -249,6 +249,15 @@ def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
     return f"frame {frames[row]:.3g}: the foot of {name} stays {1e3 * error_m[row, limb]:.3g} mm from its path"
 
 
+def turned_rad(kinematics: Kinematics, angles: Array) -> Array:
+    """Turns of the joints between rows of angles, the shorter way where a joint turns freely, shape
+    (K − 1, J) [rad, or m where one slides].
+    """
+    turns = np.diff(angles, axis=0)
+    free = np.concatenate([leg.turns for leg in kinematics.model.legs])
+    return np.asarray(np.where(free, np.mod(turns + np.pi, 2.0 * np.pi) - np.pi, turns))
+
+
 class MovingBodyMeasurements:
     """Measurements of one motion of a robot that has a model; K samples on a uniform grid, N legs,
     J joints.
@@ -315,10 +324,7 @@ class MovingBodyMeasurements:
     @cached_property
     def rates_rad_s(self) -> Array:
         """Speeds of the joints between samples, shape (K − 1, J) [rad/s, or m/s where one slides]."""
-        turns = np.diff(self.postures.angles, axis=0)
-        free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
-        short = np.mod(turns + np.pi, 2.0 * np.pi) - np.pi
-        return np.asarray(np.where(free, short, turns) / self.step_s)
+        return turned_rad(self.kinematics, self.postures.angles) / self.step_s
 
     # ----------------------------------------------------------------------------------------------
     # dynamics
@@ -373,22 +379,30 @@ class MovingBodyMeasurements:
         What legs that swing do to the balance of moments: motions are planned for one rigid body (W
         §III-A). Forces need no such row, for the centre of mass is the whole robot's.
         """
-        pin, known = self._pin, self._known
-        states, between = self._states
-        momentum = np.array(
-            [
-                pin.computeCentroidalMomentum(
-                    known,
-                    self._data,
-                    pin.integrate(known, state, 0.5 * self.step_s * velocity),
-                    velocity,
-                ).angular.copy()
-                for state, velocity in zip(states[:-1], between, strict=True)
-            ]
-        )
         arms = self.postures.toes_m - self.com_m[:, None]
         moments = np.cross(arms, self.forces_n).sum(axis=1)
-        return np.asarray(np.diff(momentum, axis=0) / self.step_s - moments[1:-1])
+        return np.asarray(self.momentum_rates[:, 3:] - moments[1:-1])
+
+    @cached_property
+    def momentum_rates(self) -> Array:
+        """Rates of the whole robot's momentum and of that about its centre of mass at the inner
+        samples, shape (K − 2, 6) [N, Nm].
+        """
+        pin, known = self._pin, self._known
+        states, between = self._states
+        momentum = list[Array]()
+        for state, velocity in zip(states[:-1], between, strict=True):
+            half = pin.integrate(known, state, 0.5 * self.step_s * velocity)
+            found = pin.computeCentroidalMomentum(known, self._data, half, velocity)
+            momentum.append(np.concatenate([found.linear, found.angular]))
+        return np.asarray(np.diff(np.array(momentum), axis=0) / self.step_s)
+
+    @cached_property
+    def centres_of_mass_m(self) -> Array:
+        """Centre of mass of the whole robot in its postures, shape (K, 3)."""
+        states, _ = self._states
+        centres = [self._pin.centerOfMass(self._known, self._data, q).copy() for q in states]
+        return np.array(centres)
 
     # ------------------------------------------------------------------------------------------------
     # bodies

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..answer.certificate import Way
 from ..answer.motion import Motion
-from ..answer.plan import LeapPlan, Plan
+from ..answer.plan import LeapPlan
 from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -26,8 +26,8 @@ from ..terrain.obstacles import Obstacles
 from .bodies import looked_at
 from .certificate import check_certificate
 from .geometry import off_terrain
-from .leaps import LeapBodyMeasurements, check_leap
-from .plans import check_plan
+from .judge import judge
+from .leaps import LeapBodyMeasurements
 
 _TOES_M = 1e-6
 """Toes are where they were when the next part begins, within this [m]."""
@@ -38,7 +38,6 @@ _JOINTS_RAD = 0.25
 by which key frames go, make of one pose [rad]."""
 _BROKEN = np.inf
 """Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
-_UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad"}
 
 
 _End = tuple[Array, Array, Array, Array | None]
@@ -105,17 +104,14 @@ def differs(mine: Robot, other: Robot) -> str:
 
 
 def _parts(crossing: Motion[Way]) -> Iterator[Group]:
-    for k, part in enumerate(crossing.parts, 1):
-        if part.keyed:
-            yield _verdict(f"{k}: climb", check_plan(part, joints=True))
-            continue
-        leapt = check_leap(part, body=True)
-        yield _verdict(f"{k}: leap", leapt)
-        if not leapt.defect:
+    for k, (part, word) in enumerate(zip(crossing.parts, crossing.part_words, strict=True), 1):
+        report = judge(part)
+        yield _verdict(f"{k}: {word}", report)
+        if not (part.keyed or report.defect):
             yield from _over(crossing, k, part)
 
 
-def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
+def _verdict(name: str, report: Report[Any]) -> Group:
     """Verdict of a part's own verifier."""
     worst = _BROKEN if report.defect else max(report.worst, 0.0)
     if not report.accepted:
@@ -141,21 +137,22 @@ def _seams(crossing: Motion[Way]) -> Iterator[Group]:
         name, names = f"{k} to {k + 1}", crossing.robot.limb_names
         com, rotation, toes, angles = _end(before, last=True)
         com_then, rotation_then, toes_then, angles_then = _end(after, last=False)
-        yield _seam(f"{name}: toes", np.linalg.norm(toes - toes_then, axis=1), _TOES_M, names)
-        yield _seam(f"{name}: body", np.linalg.norm([com - com_then], axis=1), _BODY_M)
-        yield _seam(f"{name}: turn", np.abs(rotation - rotation_then), TURN_RAD, ("x", "y", "z"))
+        yield _seam(f"{name}: toes", np.linalg.norm(toes - toes_then, axis=1), _TOES_M, "m", names)
+        yield _seam(f"{name}: body", np.linalg.norm([com - com_then], axis=1), _BODY_M, "m")
+        yield _seam(
+            f"{name}: turn", np.abs(rotation - rotation_then), TURN_RAD, "rad", ("x", "y", "z")
+        )
         if angles is None or angles_then is None:
             message = "joints are not known on both sides"
             yield Group(f"{name}: joints", unit="rad", message=message, verdict="not checked")
             continue
         short = np.mod(angles - angles_then + np.pi, 2.0 * np.pi) - np.pi
-        yield _seam(f"{name}: joints", np.abs(short), _JOINTS_RAD)
+        yield _seam(f"{name}: joints", np.abs(short), _JOINTS_RAD, "rad")
 
 
-def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -> Group:
+def _seam(name: str, values: Array, limit: float, unit: str, names: tuple[str, ...] = ()) -> Group:
     """The worst of what differs between two parts."""
     k = int(np.argmax(values))
-    unit = _UNITS[name.rpartition(": ")[2]]
     value = float(values[k]) if np.isfinite(values).all() else np.inf
     return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
 
@@ -163,11 +160,10 @@ def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -
 def _end(part: Motion[Any], *, last: bool) -> _End:
     """State in which a part begins, or ends."""
     k = -1 if last else 0
-    com, rotation = part.com_m[k], part.rotation_rad[k]
-    if part.keyed:
-        angles = None if part.joints_rad is None else part.joints_rad[k]
-        return com, rotation, part.toes_at(part.problem.frames - 1 if last else 0), angles
+    com, rotation, angles = part.com_m[k], part.rotation_rad[k], part.joints_rad
     toes = part.toes_m[part.problem.holds[k]]
+    if part.keyed:
+        return com, rotation, toes, None if angles is None else angles[k]
     with suppress(InvalidInput):  # no legs, or no pinocchio
         body = body_of(part)
         return com, body.rotation_rad[k], toes, body.postures.angles[k]

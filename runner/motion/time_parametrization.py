@@ -26,7 +26,6 @@ from stancekit.planners.motion.gait_motion import (
     crossing_motion,
     feet_motion,
     gait_motion,
-    plans_of,
 )
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.leap_motion import leap_motion
@@ -586,7 +585,7 @@ def joint_motion(subject: Motion[Any], rate_hz: float = RATE_HZ) -> Played:
         profile = timed_gait(motion, resolved(motion, kinematics), kinematics, drives, drives)
     else:
         motion = (
-            crossing_motion(subject, [timed(plan).motion for plan in plans_of(subject)])
+            crossing_motion(subject, [timed(plan).motion for plan in subject.climbs])
             if subject.has("parts")
             else leap_motion(subject)
         )
