@@ -283,11 +283,7 @@ class Accepted(Generic[S]):
         Raises InvalidInput for one that is rejected, that no runner executes, or whose robot's
         joints are not known; a leap has to begin and end at rest, and to be judged with its legs.
         """
-        report = judged(plan)
-        if not report.accepted:
-            raise InvalidInput(
-                f"{source}: expected a {plan.word} that the verifier accepts, {report.message}"
-            )
+        report = report_on(plan, source)
         if hindrance := report.hindrance:
             raise InvalidInput(
                 f"{source}: expected a {plan.word} that can be executed, this one cannot: {hindrance}"
@@ -327,6 +323,19 @@ def judged(motion: Motion[Any]) -> Report[Any]:
     angles or the robot has legs of its own.
     """
     return judge(motion, joints=motion.joints_rad is not None or motion.robot.own)
+
+
+def report_on(motion: Motion[Any], source: str) -> Report[Any]:
+    """The verifier's report on a motion that it accepts.
+
+    Raises InvalidInput, with its message, for one that it rejects.
+    """
+    report = judged(motion)
+    if not report.accepted:
+        raise InvalidInput(
+            f"{source}: expected a {motion.word} that the verifier accepts, {report.message}"
+        )
+    return report
 
 
 def check_joints(source: str, robot: Robot, world: SafeWorld, gravity_m_s2: float) -> None:
