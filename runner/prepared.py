@@ -124,8 +124,7 @@ class Prepared(Tracked):
     @property
     def ends_m(self) -> tuple[Array, Array]:
         """Places at which the centre of mass begins and ends, shape (3,) each [m]."""
-        first, last = (self.motion.at(time_s).com_m for time_s in (0.0, self.motion.duration_s))
-        return first, last
+        return self.motion.at(0.0).com_m, self.motion.at(self.motion.duration_s).com_m
 
     def entry(self, world: SafeWorld) -> dict[str, Any]:
         """Entry of a log before the run."""

@@ -249,15 +249,6 @@ def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
     return f"frame {frames[row]:.3g}: the foot of {name} stays {1e3 * error_m[row, limb]:.3g} mm from its path"
 
 
-def turned_rad(kinematics: Kinematics, angles: Array) -> Array:
-    """Turns of the joints between rows of angles, the shorter way where a joint turns freely, shape
-    (K − 1, J) [rad, or m where one slides].
-    """
-    turns = np.diff(angles, axis=0)
-    free = np.concatenate([leg.turns for leg in kinematics.model.legs])
-    return np.asarray(np.where(free, np.mod(turns + np.pi, 2.0 * np.pi) - np.pi, turns))
-
-
 class MovingBodyMeasurements:
     """Measurements of one motion of a robot that has a model; K samples on a uniform grid, N legs,
     J joints.
@@ -283,7 +274,7 @@ class MovingBodyMeasurements:
         normals: Array,
         forces_n: Array,
     ) -> None:
-        from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
+        from ..robot.urdf_reader import pinocchio  # slow to import
 
         self.kinematics, self.postures, self._pin = kinematics, postures, pinocchio()
         self.feet, self.times_s, self.com_m = kinematics.robot.limb_names, times_s, com_m
@@ -291,9 +282,6 @@ class MovingBodyMeasurements:
         self.step_s = float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
         self._known = self.kinematics.known
         self._data = self._known.createData()
-        base = self._known.joints[base_joint(self._known)]
-        self._base = slice(base.idx_q, base.idx_q + 7)
-        self._home = self._pin.XYZQUATToSE3(at_rest(self._known)[self._base])
 
     @cached_property
     def _legs(self) -> tuple[Array, Array]:
@@ -324,7 +312,7 @@ class MovingBodyMeasurements:
     @cached_property
     def rates_rad_s(self) -> Array:
         """Speeds of the joints between samples, shape (K − 1, J) [rad/s, or m/s where one slides]."""
-        return turned_rad(self.kinematics, self.postures.angles) / self.step_s
+        return self.kinematics.turned_rad(self.postures.angles) / self.step_s
 
     # ----------------------------------------------------------------------------------------------
     # dynamics
@@ -334,12 +322,10 @@ class MovingBodyMeasurements:
         """The whole robot as pinocchio has it, shape (K, nq), and its velocity between samples, (K
         − 1, nv).
         """
-        pin, origins = self._pin, self.postures.origin_m
-        states = np.array(
-            [self.kinematics.configuration(angles) for angles in self.postures.angles]
-        )
-        for state, turn, origin in zip(states, self.postures.rotation, origins, strict=True):
-            state[self._base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * self._home)
+        pin, solver, body = self._pin, self.kinematics, self.postures
+        states = np.array([solver.configuration(angles) for angles in body.angles])
+        for state, turn, origin in zip(states, body.rotation, body.origin_m, strict=True):
+            state[solver.base] = pin.SE3ToXYZQUAT(solver.carried(turn, origin))
         velocity = [pin.difference(self._known, a, b) for a, b in pairwise(states)]
         return states, np.array(velocity) / self.step_s
 

@@ -33,7 +33,7 @@ from ..robot.model import Robot
 from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.patch import Patch
-from .bodies import MovingBodyMeasurements, bodies_group, spaced, turned_rad
+from .bodies import MovingBodyMeasurements, bodies_group, spaced
 
 _GAP_M = 1e-3
 """A foot so near to the terrain touches it."""
@@ -311,7 +311,7 @@ class _Measured:
     def joint_speed(self) -> _Worst:
         """Speed between rows as a share of the limit, (T − 1, J)."""
         most = self.kinematics.velocity_rad_s
-        turned = np.abs(turned_rad(self.kinematics, self.angles))
+        turned = np.abs(self.kinematics.turned_rad(self.angles))
         why = "" if (most > 0.0).all() else "no limit of the joints' speed in the robot's file"
         gaps_s = np.minimum(self.step_s, np.diff(self.times_s))  # the grid's, or the stamps' own
         shares = turned / gaps_s[:, None] / np.where(most > 0.0, most, np.inf)
@@ -331,7 +331,7 @@ class _Measured:
     def rates(self) -> _Worst:
         """Distance of the joints' rates from what they turn before and after each row, (T, J)."""
         most = self.kinematics.velocity_rad_s
-        between = turned_rad(self.kinematics, self.angles) / self.step_s
+        between = self.kinematics.turned_rad(self.angles) / self.step_s
         off = _off(self.known["rates_rad_s"], between)
         shares = off / np.where(most > 0.0, most, _NO_LIMIT_RAD_S)
         return _worst(shares, self.kinematics.joints, self.times_s)

@@ -22,9 +22,8 @@ LEAP = Path("tests/data/leap-hop-anymal.json")
 
 
 def crossing(name: str, *parts: Motion, refusal: str = "") -> Motion:
-    goal_m = parts[-1].com_m[-1, :2]
-    way = Way(name=name, course=parts[0].problem, goal_m=goal_m, refusal=refusal)
-    return Motion(problem=way, parts=parts)
+    goes = {"course": parts[0].problem, "goal_m": parts[-1].com_m[-1, :2]}
+    return Motion(problem=Way(name=name, refusal=refusal, **goes), parts=parts)
 
 
 @pytest.fixture(scope="module")
