@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from stancekit import Answer, Effort, Footholds, Problem, Robot, StandingMap, Status
-from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.certificate import Way
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
@@ -74,7 +75,7 @@ def plan(
     settings: PlanSettings = PlanSettings(),
     time_limit_s: float = 60.0,
     progress: Callable[[int, int], object] | None = None,
-) -> Answer[Plan] | Answer[LeapPlan] | Answer[Crossing]:
+) -> Answer[Plan] | Answer[LeapPlan] | Answer[Motion[Way]]:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb
     carries; or a leap.
 
@@ -169,7 +170,7 @@ def _answer(
     settings: PlanSettings,
     deadline: float,
     progress: Callable[[int, int], object] | None,
-) -> Answer[Plan] | Answer[Crossing]:
+) -> Answer[Plan] | Answer[Motion[Way]]:
     """The answer to a course, or to what lays it out.
 
     Raises NoPlace or PlanningFailed where nothing can be laid out between no two places.
@@ -206,7 +207,7 @@ def _between_places(
     planner: Planner,
     settings: PlanSettings,
     deadline: float,
-) -> Answer[Plan] | Answer[Crossing]:
+) -> Answer[Plan] | Answer[Motion[Way]]:
     """Plan by key frames alone; where they have no plan, climb, leap and climb.
 
     Where leaps do not help either, a flood proves that no balanced motion leads to the goal, or

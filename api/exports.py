@@ -17,6 +17,7 @@ from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_text, shown
 from stancekit.planners.files.writing import alone_in, check_writable, make_folder, write_text
 from stancekit.planners.terrain.families import drawn_name, read_draw
+from stancekit.runner.acceptance import report_on
 from stancekit.runner.export.formats import FORMATS, beside, moved_of, played, write_moved
 from stancekit.runner.motion.time_parametrization import RATE_HZ
 
@@ -142,7 +143,7 @@ def export(
     if isinstance(subject, str | Path):
         motion = read_accepted(Path(subject))
     else:
-        _check_accepted(motion := subject, source)
+        report_on(motion := subject, source)
     moved = moved_of(motion, chosen, rate_hz, source)
     moved = replace(moved, open_loop=played(moved))
     write_moved(moved, chosen, path)
@@ -159,25 +160,8 @@ def read_accepted(path: Path) -> Motion[Any]:
     from stancekit.planners.formats.motion_file import read_motion
 
     subject, _ = read_motion(path)
-    _check_accepted(subject, str(path))
+    report_on(subject, str(path))
     return subject
-
-
-def _check_accepted(subject: Motion[Any], source: str) -> None:
-    """Raise InvalidInput for a motion that the verifier does not accept.
-
-    Arguments:
-        subject: the motion to judge.
-        source: its origin, for the message.
-    """
-    from stancekit.runner.acceptance import judged
-
-    report = judged(subject)
-    if not report.accepted:
-        raise InvalidInput(
-            f"{source}: expected a {subject.word} that the verifier accepts, it says: "
-            f"{report.message}"
-        )
 
 
 def _called(subject: object) -> str:

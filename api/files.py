@@ -137,8 +137,6 @@ def save(thing: Saved | Sequence[Problem], path: str | Path) -> None:
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Motion():
-            if thing.keyed:
-                thing.problem.check_whole()
             write_motion(path, thing, report or judge(thing))
         case Certificate():
             write_certificate(path, thing)

@@ -36,13 +36,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from stancekit import Answer, Leap, LeapFinder, Motion
-    from stancekit.planners.answer.certificate import Crossing
+    from stancekit.planners.answer.certificate import Way
     from stancekit.planners.answer.plan import LeapPlan, Plan
     from stancekit.planners.search.answer import Planner, PlanSettings
 
 
 def _deliver(
-    answer: Answer[Plan] | Answer[LeapPlan] | Answer[Crossing],
+    answer: Answer[Plan] | Answer[LeapPlan] | Answer[Motion[Way]],
     course: str,
     *,
     plan_file: Path | None,
@@ -190,8 +190,7 @@ def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
 
 def _frames(answer: Answer[Any]) -> int | None:
     """The number of key frames; None of a leap, and of a crossing, whose parts have their own."""
-    crosses = answer.solution is not None and answer.solution.has("parts")
-    return None if crosses else getattr(answer.problem, "frames", None)
+    return getattr((answer.solution or answer).problem, "frames", None)
 
 
 def _lines(answer: Answer[Any]) -> Iterator[str]:
@@ -272,7 +271,7 @@ def _leap_lines(answer: Answer[LeapPlan], plan: LeapPlan) -> Iterator[str]:
         yield f"bent: phases of {', '.join(f'{s:.2f}' for s in timing)} s"
 
 
-def _crossing_lines(answer: Answer[Crossing], crossing: Crossing) -> Iterator[str]:
+def _crossing_lines(answer: Answer[Motion[Way]], crossing: Motion[Way]) -> Iterator[str]:
     assert answer.report is not None
     yield f"key frames alone: {crossing.problem.refusal}"
     if crossing.problem.certificate is not None:
@@ -341,7 +340,7 @@ def _solution_record(solution: Motion[Any]) -> dict[str, Any]:
         return {
             "refusal": solution.problem.refusal,
             "proved": solution.problem.certificate is not None,
-            "parts": ["climb" if part.keyed else "leap" for part in solution.parts],
+            "parts": list(solution.part_words),
         }
     record = {"plan": {name: array.tolist() for name, array in solution.arrays().items()}}
     if solution.has("timing"):
@@ -489,7 +488,7 @@ class PlanCourse:
             time_limit_s=self.time_limit_s,
         )
 
-    def _course(self) -> Answer[Plan] | Answer[Crossing]:
+    def _course(self) -> Answer[Plan] | Answer[Motion[Way]]:
         """The answer to a course."""
         from stancekit.courses import plan, unmet
 
@@ -508,7 +507,7 @@ class PlanCourse:
             )  # a terrain has been read meanwhile
             with as_options("push_n", "wrench", "prefer_margin"):
                 return cast(
-                    "Answer[Plan] | Answer[Crossing]",
+                    "Answer[Plan] | Answer[Motion[Way]]",
                     plan(
                         question,
                         planner,

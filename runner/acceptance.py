@@ -30,7 +30,6 @@ from stancekit.planners.files.codec import to_json
 from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import ActuatorModel
-from stancekit.planners.robot.model import walking_robot
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.verify import Report
 from stancekit.planners.verify.judge import judge
@@ -284,13 +283,7 @@ class Accepted(Generic[S]):
         Raises InvalidInput for one that is rejected, that no runner executes, or whose robot's
         joints are not known; a leap has to begin and end at rest, and to be judged with its legs.
         """
-        if plan.keyed:
-            plan.problem.check_whole()
-        report = judged(plan)
-        if not report.accepted:
-            raise InvalidInput(
-                f"{source}: expected a {plan.word} that the verifier accepts, {report.message}"
-            )
+        report = report_on(plan, source)
         if hindrance := report.hindrance:
             raise InvalidInput(
                 f"{source}: expected a {plan.word} that can be executed, this one cannot: {hindrance}"
@@ -300,8 +293,7 @@ class Accepted(Generic[S]):
     @cached_property
     def robot(self) -> Robot:
         """The robot that moves."""
-        robot = self.plan.robot
-        return walking_robot(robot) if self.plan.has("times_s") else robot
+        return self.plan.legged
 
     @property
     def name(self) -> str:
@@ -330,8 +322,20 @@ def judged(motion: Motion[Any]) -> Report[Any]:
     """The verifier on a motion; of a plan on joints and bodies, too, where it has
     angles or the robot has legs of its own.
     """
-    known = not motion.keyed or (motion.joints_rad is not None or motion.robot.own)
-    return judge(motion, joints=known)
+    return judge(motion, joints=motion.joints_rad is not None or motion.robot.own)
+
+
+def report_on(motion: Motion[Any], source: str) -> Report[Any]:
+    """The verifier's report on a motion that it accepts.
+
+    Raises InvalidInput, with its message, for one that it rejects.
+    """
+    report = judged(motion)
+    if not report.accepted:
+        raise InvalidInput(
+            f"{source}: expected a {motion.word} that the verifier accepts, {report.message}"
+        )
+    return report
 
 
 def check_joints(source: str, robot: Robot, world: SafeWorld, gravity_m_s2: float) -> None:

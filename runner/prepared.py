@@ -5,17 +5,19 @@ begun.
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.answer.certificate import Crossing
+from stancekit.planners.answer.certificate import Way
+from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.motion.gait_motion import crossing_motion, gait_motion, plans_of
+from stancekit.planners.motion.gait_motion import crossing_motion, gait_motion
 from stancekit.planners.motion.leap_motion import leap_motion
 from stancekit.planners.motion.motion import Played
 from stancekit.planners.motion.path import LIFT_M, path_of
@@ -122,11 +124,7 @@ class Prepared(Tracked):
     @property
     def ends_m(self) -> tuple[Array, Array]:
         """Places at which the centre of mass begins and ends, shape (3,) each [m]."""
-        plan = self.accepted.plan
-        ways = [
-            plan.torso_m if plan.has("times_s") else part.com_m for part in plan.parts or [plan]
-        ]
-        return ways[0][0], ways[-1][-1]
+        return self.motion.at(0.0).com_m, self.motion.at(self.motion.duration_s).com_m
 
     def entry(self, world: SafeWorld) -> dict[str, Any]:
         """Entry of a log before the run."""
@@ -288,6 +286,7 @@ def _of_gait(accepted: Accepted[Trajectory], world: SafeWorld, settings: RunSett
         wished,
         ground,
         (ground,),
+        _WALKING,
     )
 
 
@@ -303,15 +302,17 @@ def _of_leaps(accepted: Accepted[Any], world: SafeWorld, settings: RunSettings) 
         motion = crossing_motion(subject, _climbs(accepted, world, settings, kinematics))
         surfaces = motion.solids
     followed = mean_forces(motion, 1.0 / world.rate_hz)
-    return _paced(accepted, world, settings, kinematics, motion, followed, None, ground, surfaces)
+    return _paced(
+        accepted, world, settings, kinematics, motion, followed, None, ground, surfaces, _LEAPING
+    )
 
 
 def _climbs(
-    accepted: Accepted[Crossing], world: SafeWorld, settings: RunSettings, kinematics: Kinematics
+    accepted: Accepted[Motion[Way]], world: SafeWorld, settings: RunSettings, kinematics: Kinematics
 ) -> list[Played]:
     """The climbs of a crossing, timed as any plan's."""
     climbs = list[Played]()
-    for plan in plans_of(accepted.plan):
+    for plan in accepted.plan.climbs:
         motion, wished = unhurried_plan(
             plan,
             kinematics,
@@ -343,16 +344,15 @@ def _paced(
     wished: RedundancyResolution | None,
     terrain: Terrain,
     surfaces: Solids,
+    feet: Mapping[str, Any],
 ) -> Prepared:
     """A motion that runs at its own pace.
 
     Arguments:
         followed: the motion as the tracker follows it.
+        feet: what is other than in ``settings.feedback``.
     """
-    sees, feet = (
-        _sees_feet(world, settings),
-        _WALKING if accepted.plan.has("times_s") else _LEAPING,
-    )
+    sees = _sees_feet(world, settings)
     tracker = Tracker(
         followed,
         kinematics,

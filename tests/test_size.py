@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1358, 16669),
-    "cli": (3210, 38998),
+    "api": (1353, 16621),
+    "cli": (3209, 38988),
     "configs": (3, 30),
     "envs": (3084, 42684),
     "learners": (5259, 77682),
-    "planners": (35039, 578356),
-    "runner": (6504, 89475),
-    "views": (4303, 68822),
+    "planners": (35014, 577895),
+    "runner": (6499, 89402),
+    "views": (4302, 68795),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

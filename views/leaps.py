@@ -147,8 +147,7 @@ class LeapView(View):
     @property
     def goal_m(self) -> Array:
         """Place where the centre of mass is to end, shape (3,) [m]."""
-        last = self.parts[-1]
-        return np.asarray(last.problem.goal_m if last.keyed else last.problem.goal.com_m)
+        return np.asarray(self.parts[-1].problem.goal_m)
 
     @cached_property
     def path_m(self) -> Array:
@@ -347,7 +346,7 @@ class LeapView(View):
             done = "done" if self.execution.succeeded else "failed"
             result.append(f"{self.execution.world}: {done}")
         if self.subject.has("parts"):
-            result.append(", ".join("climb" if part.keyed else "leap" for part in self.parts))
+            result.append(", ".join(self.subject.part_words))
         for begin, end in self.flights_s:
             result.append(f"takes off at {begin:.2f} s, flies for {end - begin:.2f} s")
         return [*result, *([] if self.execution else [self.judged]), SCALE]

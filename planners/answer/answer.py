@@ -15,7 +15,7 @@ from ..problem.leap import Leap
 from ..problem.passage import Passage
 from .certificate import Certificate
 from .motion import Motion
-from .report import Report
+from .report import Report, finite
 
 if TYPE_CHECKING:
     from ..problem.walk import Walk
@@ -169,21 +169,16 @@ class Answer(Generic[S]):
         record: dict[str, Any] = {
             "status": self.status.value,
             "method": self.method,
-            **_finite({"residual_nm": self.residual_nm, "residual": self.residual}),
+            **finite({"residual_nm": self.residual_nm, "residual": self.residual}),
             "lower_bound": 0.0 if math.isnan(self.bound) else min(self.bound, UNBOUNDED),
             "seconds": self.effort.compile_s + self.effort.seconds,
             "solves": self.effort.solves,
         }
         if self.solution is not None and not self.solution.problem.counts:
             record |= self.solution.to_json()
-        further = {"claim": self.claim, "message": self.message, "details": _finite(self.details)}
+        further = {"claim": self.claim, "message": self.message, "details": finite(self.details)}
         further |= {"doubts": list(self.doubts)}
         record |= {name: value for name, value in further.items() if value}
         if proof and self.certificate is not None:
             record["certificate"] = self.certificate.to_json()
         return record
-
-
-def _finite(numbers: Mapping[str, float]) -> dict[str, float | None]:
-    """The numbers, None where they are not finite: JSON has no other."""
-    return {name: value if math.isfinite(value) else None for name, value in numbers.items()}

@@ -17,7 +17,7 @@ from ..problem.leap import Leap
 from ..problem.passage import Passage
 from ..robot.model import Robot
 from ..terrain.patch import Patch
-from .motion import Evidence, Motion, held, left_unchecked
+from .motion import Evidence, held, left_unchecked
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets
@@ -176,6 +176,8 @@ class Way:
     Arguments:
         name: name of the course.
         course: the course of the first climb, which has all of the terrain.
+        goal_m: place where the centre of mass is to end, shape (2,) [m], as near to it as the course
+            asks at its own end.
         refusal: reason why key frames alone do not cross, in words.
         certificate: proof that no balanced motion leads from start to goal, with that passage as its
             problem; None where nothing is proved.
@@ -194,8 +196,12 @@ class Way:
     counts: ClassVar[str] = "s"
     name: str
     course: Problem
+    goal_m: Array
     refusal: str = ""
     certificate: Certificate | None = None
+
+    def __post_init__(self) -> None:
+        held(self, np.float64, "goal_m")
 
     @property
     def robot(self) -> Robot:
@@ -226,10 +232,8 @@ class Way:
         return {
             "format": self.FORMAT,
             "name": self.name,
+            "goal_m": self.goal_m.tolist(),
             "refusal": self.refusal,
             "parts": [],
             "certificate": None if proof is None else proof.content(),
         }
-
-
-Crossing = Motion[Way]

@@ -308,6 +308,26 @@ class Motion(Evidence, Generic[Q]):
         return self.problem.robot
 
     @property
+    def legged(self) -> Robot:
+        """The robot with its limbs and joints, that of a walk as ``walking_robot`` has it.
+
+        Raises InvalidInput where the joints of a walk are not known.
+        """
+        from ..robot.model import walking_robot  # slow to import
+
+        return walking_robot(self.robot) if self.has("times_s") else self.robot
+
+    @property
+    def climbs(self) -> list[Motion[Problem]]:
+        """The parts of a way that are plans of key frames, in order."""
+        return [part for part in self.parts if part.keyed]
+
+    @property
+    def part_words(self) -> tuple[str, ...]:
+        """What the parts of a way are called."""
+        return tuple("climb" if part.keyed else part.word for part in self.parts)
+
+    @property
     def gravity_m_s2(self) -> float:
         """Gravity that it counts on [m/s²], where its problem says nothing else."""
         return float(getattr(self.problem, "gravity_m_s2", GRAVITY_M_S2))
@@ -393,16 +413,27 @@ class Motion(Evidence, Generic[Q]):
         """Places where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
         return np.asarray(self.toes_m[self.problem.holds[frame]])
 
-    def forces_at(self: Motion[Problem], frame: int) -> Array:
-        """Forces of all limbs at a key frame, shape (N, 3) [N]: the mean of the forces in its
-        stances.
+    def forces_at(
+        self: Motion[Problem],
+        frame: int,
+        support: tuple[int, ...] = (),
+        forces_n: Array | None = None,
+    ) -> Array:
+        """Forces of all limbs at a key frame, shape (N, 3) [N]: those of its stance in which these
+        limbs carry, or where there is none the mean of those in all of its stances.
+
+        Arguments:
+            support: numbers of the limbs.
+            forces_n: of all stances, shape (S, N, 3) or (S, N, 6), in place of its own.
 
         The mean satisfies the constraints, too: body pose and toes are the same in these stances,
         and then balance, friction cones and force bounds are convex in the forces. A limb in the
         air counts with zero force, which the bounds admit.
         """
-        rows = [index for index, stance in enumerate(self.problem.stances) if stance.frame == frame]
-        return np.asarray(self.forces_n[rows].mean(axis=0))
+        stances = self.problem.stances
+        at = [s for s, stance in enumerate(stances) if stance.frame == frame]
+        rows = [s for s in at if tuple(stances[s].limbs) == support] or at
+        return np.asarray((self.forces_n if forces_n is None else forces_n)[rows].mean(axis=0))
 
     @property
     def moments_nm(self: Motion[Problem]) -> Array | None:

@@ -225,7 +225,7 @@ class Report(Generic[S]):
         plan.
         """
         judged = [group.name for group in self.groups if group.verdict in _BODY_VERDICTS]
-        body = set(whole_body(self.answer)) - {MARGIN}
+        body = set(self._body) - {MARGIN}
         return ("contacts", *(name for name in judged if name in body)) if body else tuple(judged)
 
     @property
@@ -313,17 +313,19 @@ class Report(Generic[S]):
         )
         return f"{group.name}{place}: {size}" + (f", limit {limit}" if group.limit else "")
 
+    @cached_property
+    def _body(self) -> tuple[str, ...]:
+        return whole_body(self.answer)
+
     @property
     def _of_body(self) -> list[Group]:
         """The groups of a plan's whole body and of its margins, or of a leap's whole body."""
-        body = whole_body(self.answer)
-        return [group for group in self.groups if group.name in body]
+        return [group for group in self.groups if group.name in self._body]
 
     @property
     def _of_contacts(self) -> list[Group]:
         """All groups but those of the whole body and of margins."""
-        body = whole_body(self.answer)
-        return [group for group in self.groups if group.name not in body]
+        return [group for group in self.groups if group.name not in self._body]
 
     def to_json(self) -> dict[str, Any]:
         """Return JSON-ready values; what is not finite becomes null."""
@@ -336,7 +338,7 @@ class Report(Generic[S]):
             "not_checked": list(self.unchecked),
             "limits": dict(self.limits),
             "doubts": list(self.answer.doubts),
-            "figures": _finite(self.figures),
+            "figures": finite(self.figures),
             "groups": [group.to_json() for group in self.groups],
         }
 
@@ -371,6 +373,6 @@ def or_null(number: float) -> float | None:
     return number if math.isfinite(number) else None
 
 
-def _finite(figures: Mapping[str, float]) -> dict[str, float | None]:
+def finite(figures: Mapping[str, float]) -> dict[str, float | None]:
     """Figures as JSON-ready values."""
     return {name: or_null(value) for name, value in figures.items()}

@@ -23,9 +23,9 @@ from ..answer.certificate import Certificate, Way
 from ..answer.motion import LATER, Evidence, Motion, seal
 from ..answer.plan import WHOLE_BODY, Plan
 from ..answer.report import Report, verdict_digest, whole_body
-from ..answer.trajectory import WalkQuestion, robot_from_json
+from ..answer.trajectory import Trajectory, WalkQuestion, robot_from_json
 from ..errors import InvalidInput, located, not_installed, require
-from ..files.arrays import unpacked
+from ..files.arrays import read_only, unpacked
 from ..files.codec import extracted
 from ..files.documents import read_json, shown, validated
 from ..files.writing import check_writable, first_difference, remove_leftovers, write_text
@@ -100,7 +100,7 @@ def _leap(data: Any, where: str) -> Leap:
 def _crossing(
     data: Mapping[str, Any], where: str, arrays: dict[str, NDArray[Any]]
 ) -> dict[str, Any]:
-    keys = {"format": str, "name": str, "refusal": str, "parts": list}
+    keys = {"format": str, "name": str, "goal_m": list, "refusal": str, "parts": list}
     _check_keys(data, {**keys, "certificate": object}, where)
     require(
         0 < len(data["parts"]) <= _MOST_PARTS,
@@ -110,6 +110,7 @@ def _crossing(
     proof = data["certificate"]
     proved = None if proof is None else certificate_from(proof, f"{where}: certificate")
     told = {name: data[name] for name in ("name", "refusal")}
+    told["goal_m"] = read_only(data["goal_m"], (2,), f"{where}: goal_m")
     return {"problem": Way(**told, course=parts[0].problem, certificate=proved), "parts": parts}
 
 
@@ -426,7 +427,10 @@ def check_file(
         check = _check_proof(str(path), evidence, why)
         return _replayed(check, evidence) if exact else check
     assert isinstance(evidence, Motion)
-    _check_asked(str(path), evidence, robot, course)
+    if of_plan:
+        _check_course(str(path), evidence, robot, course)
+    elif robot is not None:
+        _check_walker(str(path), evidence, robot)
     report = judge(evidence, tolerance=tolerance, joints=joints, margins=margins)
     claimed = content["verdict"].get("checked", ())
     listed = {
@@ -477,25 +481,23 @@ def _replayed(check: FileCheck, certificate: Certificate) -> FileCheck:
     return replace(check, founded=held, message=f"{check.message}; {message}")
 
 
-def _check_asked(
-    path: str,
-    motion: Motion[Any],
-    robot: str | None,
-    course: Callable[[int], Problem] | None,
-) -> None:
-    """Raise InvalidInput for a plan or a walk of another robot or course."""
-    if motion.has("times_s") and robot is not None:
-        from ..robot.walker import named_walker  # loads splines
+def _check_walker(path: str, motion: Trajectory, robot: str) -> None:
+    """Raise InvalidInput for a walk of another robot."""
+    from ..robot.walker import named_walker  # loads splines
 
-        walker = named_walker(robot)
-        ours, theirs = (robot_numbers(each.to_json()) for each in (motion.robot, walker))
-        if other := first_difference(ours, theirs):
-            raise InvalidInput(
-                f"{path}: expected a walk of the robot {walker.name} as its file is, got one of "
-                f"{motion.robot.name} with numbers of its own: {other}"
-            )
-    if not motion.keyed:
-        return
+    walker = named_walker(robot)
+    ours, theirs = (robot_numbers(each.to_json()) for each in (motion.robot, walker))
+    if other := first_difference(ours, theirs):
+        raise InvalidInput(
+            f"{path}: expected a walk of the robot {walker.name} as its file is, got one of "
+            f"{motion.robot.name} with numbers of its own: {other}"
+        )
+
+
+def _check_course(
+    path: str, motion: Plan, robot: str | None, course: Callable[[int], Problem] | None
+) -> None:
+    """Raise InvalidInput for a plan of another robot or course."""
     problem, legs = motion.problem, motion.problem.robot
     require(
         course is None or not problem.is_posture,

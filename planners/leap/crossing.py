@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Effort, Status
-from ..answer.certificate import Certificate, Crossing, Way
+from ..answer.certificate import Certificate, Way
 from ..answer.motion import Motion
 from ..answer.plan import LeapPlan, Plan
 from ..equilibrium.programs import programs_of_this_thread
@@ -146,7 +146,7 @@ def cross(
     proof: Certificate | None = None,
     limits: WholeBodyLimits = WholeBodyLimits(),
     deadline: float = np.inf,
-) -> Answer[Plan] | Answer[Crossing] | None:
+) -> Answer[Plan] | Answer[Motion[Way]] | None:
     """Cross a course with leaps where key frames alone do not; None where no gap is in the way, or
     the robot has nothing to leap with.
 
@@ -212,7 +212,7 @@ class _Crossing:
     refusal: str
     proof: Certificate | None
 
-    def answer(self) -> Answer[Plan] | Answer[Crossing]:
+    def answer(self) -> Answer[Plan] | Answer[Motion[Way]]:
         """The crossing, or why there is none."""
         begin = time.perf_counter()
         straight = self._straight()
@@ -238,7 +238,13 @@ class _Crossing:
                 message=f"key frames alone: {self.refusal}; with leaps: {why}",
             )
         course = parts[0].problem
-        way = Way(name=course.name, course=course, refusal=self.refusal, certificate=self.proof)
+        way = Way(
+            name=course.name,
+            course=course,
+            goal_m=np.array(self.question.goal_m),
+            refusal=self.refusal,
+            certificate=self.proof,
+        )
         crossing = Motion(problem=way, parts=tuple(parts))
         report = check_crossing(crossing)
         return Answer(

@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..answer.certificate import Crossing
+from ..answer.certificate import Way
 from ..answer.motion import Motion
-from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
-from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.robot_file import FOOT_RADIUS_M
 from .leap_motion import SETTLE_S, feet_of_leap, leap_motion
@@ -30,7 +28,7 @@ BLEND_S = 1.0
 _BLEND_KNOTS = 10
 
 
-def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) -> Played:
+def crossing_motion(crossing: Motion[Way], climbs: Sequence[Played] | None = None) -> Played:
     """A crossing over time; ``Samples.frame`` counts seconds.
 
     Arguments:
@@ -39,9 +37,9 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
             those of the plans as they are.
 
     Raises:
-        InvalidInput: for a robot without legs of its own.
+        InvalidInput: for a robot without legs of its own, and for climbs in which no limb carries.
     """
-    timed = iter(climbs or map(plan_motion, plans_of(crossing)))
+    timed = iter(climbs or map(plan_motion, crossing.climbs))
     parts = [
         next(timed) if part.keyed else leap_motion(part, rest_s=SETTLE_S) for part in crossing.parts
     ]
@@ -110,7 +108,7 @@ def crossing_motion(crossing: Crossing, climbs: Sequence[Played] | None = None) 
 
 
 def _numbered(
-    crossing: Crossing, parts: Sequence[Played]
+    crossing: Motion[Way], parts: Sequence[Played]
 ) -> tuple[list[NDArray[np.int_]], tuple[str, ...]]:
     """Number of every foothold of every part in the whole, those that stand when a part begins
     being those of the one before; and what each is called.
@@ -127,20 +125,6 @@ def _numbered(
         numbers.append(mine)
         standing = mine[holds[-1]]
     return numbers, tuple(names)
-
-
-def plans_of(crossing: Crossing) -> list[Plan]:
-    """The plans of key frames of a crossing, in order.
-
-    Raises InvalidInput for one whose plans are not executed.
-    """
-    plans = [part for part in crossing.parts if part.keyed]
-    for plan in plans:
-        if plan.problem.uncarried:
-            raise InvalidInput(
-                f"crossing {crossing.name}: expected climbs in which limbs carry, got something else"
-            )
-    return plans
 
 
 WALK_SETTLE_S = 0.5

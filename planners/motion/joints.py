@@ -385,7 +385,7 @@ def path_torques(
     torques = list[Array]()
     for t in rows.tolist():
         frames = int(moments.step[t]) - 1, int(moments.step[t])
-        before, after = (support_forces(plan, forces_n, k, path.support(frames[1])) for k in frames)
+        before, after = (plan.forces_at(k, path.support(frames[1]), forces_n) for k in frames)
         share = moments.passed[t] if moments.part[t] == 1 else 0.0
         forces = before + share * (after - before)
         torques.append(
@@ -397,16 +397,3 @@ def path_torques(
             )
         )
     return moments.frame[rows], np.array(torques).reshape(-1, len(solver.joints))
-
-
-def support_forces(plan: Plan, forces_n: Array, frame: int, support: tuple[int, ...]) -> Array:
-    """Forces at a frame while only these limbs stand, shape (N, 3) [N]. Where the plan has no stance
-    of just these limbs, the mean over all stances of the frame.
-
-    Arguments:
-        forces_n: of the plan's stances, shape (S, N, 3).
-    """
-    course = plan.problem
-    at = [i for i, stance in enumerate(course.stances) if stance.frame == frame]
-    rows = [i for i in at if tuple(course.stances[i].limbs) == support] or at
-    return np.asarray(forces_n[rows].mean(axis=0))

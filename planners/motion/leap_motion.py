@@ -200,21 +200,19 @@ class LeapBody:
         Feet go where they should whatever the body does, ẋ = J_b v_b + J_q q̇, so that (A_b − A_q
         J_q⁻¹ J_b) v_b = h − A_q J_q⁻¹ ẋ.
         """
-        from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
+        from ..robot.urdf_reader import pinocchio  # slow to import
 
         pin, solver = pinocchio(), self.kinematics
         known, mass = solver.known, self.plan.problem.robot.mass_kg
-        data, base = known.createData(), known.joints[base_joint(known)]
-        rows, first = slice(base.idx_q, base.idx_q + 7), slice(base.idx_v, base.idx_v + 6)
-        home = pin.XYZQUATToSE3(at_rest(known)[rows])
+        data, first = known.createData(), solver.base_moves
         feet = [known.getFrameId(f"{leg.name}: foot") for leg in self._body.model.legs]
         columns = [solver.columns[solver.legs == i] for i in range(len(feet))]
         step = float(self.times_s[1] - self.times_s[0])
         spin, self.spins = np.zeros_like(self.com_m), np.zeros_like(self.rotation)
         for k, angles in enumerate(postures.angles):
             state = solver.configuration(angles)
-            placed = pin.SE3(self.rotation[k], postures.origin_m[k]) * home
-            state[rows] = pin.SE3ToXYZQUAT(placed)
+            placed = solver.carried(self.rotation[k], postures.origin_m[k])
+            state[solver.base] = pin.SE3ToXYZQUAT(placed)
             matrix = np.array(pin.computeCentroidalMap(known, data, state))
             wanted = mass * np.concatenate([self.velocity_m_s[k], self.momentum_m2_s[k]])
             body = matrix[:, first].copy()

@@ -480,9 +480,10 @@ def _quaternions_of(rotations: Array) -> Array:
     """
     from scipy.spatial.transform import Rotation
 
-    quaternions = np.asarray(Rotation.from_matrix(rotations).as_quat(scalar_first=True))
-    turned = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
-    return np.asarray(
-        quaternions
-        * np.where(np.concatenate([[False], np.cumsum(turned) % 2 == 1]), -1.0, 1.0)[:, None]
-    )
+    return one_sided(np.asarray(Rotation.from_matrix(rotations).as_quat(scalar_first=True)))
+
+
+def one_sided(quaternions: Array) -> Array:
+    """The same turns, each on the side of the one before: q and −q are one, shape (T, 4)."""
+    turned = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0, -1.0, 1.0)
+    return np.asarray(quaternions * np.cumprod(np.append(1.0, turned))[:, None])

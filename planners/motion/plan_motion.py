@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ..answer.plan import Plan
 from ..files.arrays import Array, check_numbers
 from ..robot.leg import rotation_of
-from .joints import support_forces
 from .motion import Played, Samples, smooth, smooth_rate
 from .path import PathMoments, PlanPath, Segment, path_of
 
@@ -246,7 +245,7 @@ def _phases(
         support = path.support(step)
         if len(support) == len(path.plan.problem.robot.limbs) and frame in standing_n:
             return standing_n[frame]
-        return support_forces(path.plan, forces_n, frame, support)
+        return path.plan.forces_at(frame, support, forces_n)
 
     last, load = path.plan.problem.frames - 1, carried(0, 1)
     result = [(timing.settle_s, path.standing(0), standing_n.get(0, load), load)]

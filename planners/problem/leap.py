@@ -269,6 +269,11 @@ class Leap:
         return self.start.rests, self.goal.rests
 
     @property
+    def goal_m(self) -> Array:
+        """Place where the centre of mass is to end, shape (3,) [m]."""
+        return self.goal.com_m
+
+    @property
     def choices(self) -> int:
         """Number of choices of candidates."""
         return int(np.prod([len(foothold.candidates) for foothold in self.footholds], dtype=object))

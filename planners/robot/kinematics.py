@@ -14,6 +14,7 @@ is drawn to; it is never believed.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,7 @@ from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, stepped
 from .leg import JOINTS, USUAL_REACH_M, Mount, Servo, levelled, rotation_of
 from .model import Limb, Robot
 from .robot_model import resisting_nm
-from .urdf_reader import at_rest, pinocchio
+from .urdf_reader import at_rest, base_joint, pinocchio
 
 __all__ = ["REACHED_M", "Kinematics", "pinocchio", "rotation_of"]
 
@@ -41,11 +42,11 @@ class Kinematics:
     joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm,
     velocity_rad_s: limits of the joints, shape (J,); torque is inf where the robot's own file has
     none that can be believed, velocity 0 where it has none. rotor_kg_m2: inertia of every joint's
-    rotor, behind its gears, shape (J,). legs: the number of the leg of every joint, shape (J,). known:
-    pinocchio's model; columns: where it has the joints' velocities, shape (J,). soles: whether a foot
-    is one. near_rad: posture of a robot that is already somewhere, at which motions begin, shape
-    (J,); None elsewhere. Raises InvalidInput where pinocchio is not installed, and for a robot whose
-    legs are not known.
+    rotor, behind its gears, shape (J,). legs: the number of the leg of every joint, shape (J,).
+    known: pinocchio's model; columns: where it has the joints' velocities, shape (J,); base,
+    base_moves: where it has those of the base. soles: whether a foot is one. near_rad: posture of a
+    robot that is already somewhere, at which motions begin, shape (J,); None elsewhere. Raises
+    InvalidInput where pinocchio is not installed, and for a robot whose legs are not known.
     """
 
     def __init__(
@@ -71,9 +72,9 @@ class Kinematics:
         self.torque_nm[np.isin(self.joints, [name for name, _ in self.model.torque_doubts])] = (
             np.inf
         )
-        turns = np.concatenate([leg.turns for leg in legs])
-        self.lowest_rad = np.where(turns, -np.inf, self.lower_rad)
-        self.highest_rad = np.where(turns, np.inf, self.upper_rad)
+        self._free = np.concatenate([leg.turns for leg in legs])
+        self.lowest_rad = np.where(self._free, -np.inf, self.lower_rad)
+        self.highest_rad = np.where(self._free, np.inf, self.upper_rad)
         self.legs = np.repeat(np.arange(len(legs)), [len(leg.joints) for leg in legs])
         self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in legs])
         self._most = int(self._nth.max()) + 1
@@ -94,6 +95,10 @@ class Kinematics:
         self._at = self._set = b""
         self._down = np.array([0.0, 0.0, -gravity_m_s2])
         self._rest, rows, self.columns = self._places()
+        base = self.known.joints[base_joint(self.known)]
+        self.base, self.base_moves = (
+            slice(k, k + n) for k, n in ((base.idx_q, 7), (base.idx_v, 6))
+        )
         self._q, self._centres = self._rest, np.zeros((len(legs), 3))
         self._row, self._column = _slice_or(rows), _slice_or(self.columns)
         # pinocchio's own memory, which changes with each sweep: nothing is fetched anew
@@ -128,6 +133,19 @@ class Kinematics:
     def configuration(self, angles: Array) -> Array:
         """Angles as pinocchio has them."""
         return self._configured(angles).copy()
+
+    def carried(self, rotation: Array, origin_m: Array) -> Any:
+        """The joint that carries the base, as pinocchio has it, where the base's frame is at a place."""
+        home = self._pin.XYZQUATToSE3(self._rest[self.base])
+        return self._pin.SE3(rotation, origin_m) * home
+
+    def turned_rad(self, angles: Array) -> Array:
+        """Turns of the joints between rows of angles, the shorter way where a joint turns freely,
+        shape (K − 1, J) [rad, or m where one slides].
+        """
+        turns = np.diff(angles, axis=0)
+        short = np.mod(turns + np.pi, 2.0 * np.pi) - np.pi
+        return np.asarray(np.where(self._free, short, turns))
 
     def _configured(self, angles: ArrayLike) -> Array:
         """Configuration of pinocchio for these angles, read-only; the posture that was asked for

@@ -274,7 +274,7 @@ class MovingBodyMeasurements:
         normals: Array,
         forces_n: Array,
     ) -> None:
-        from ..robot.urdf_reader import at_rest, base_joint, pinocchio  # slow to import
+        from ..robot.urdf_reader import pinocchio  # slow to import
 
         self.kinematics, self.postures, self._pin = kinematics, postures, pinocchio()
         self.feet, self.times_s, self.com_m = kinematics.robot.limb_names, times_s, com_m
@@ -282,9 +282,6 @@ class MovingBodyMeasurements:
         self.step_s = float(times_s[-1] - times_s[0]) / (len(times_s) - 1)
         self._known = self.kinematics.known
         self._data = self._known.createData()
-        base = self._known.joints[base_joint(self._known)]
-        self._base = slice(base.idx_q, base.idx_q + 7)
-        self._home = self._pin.XYZQUATToSE3(at_rest(self._known)[self._base])
 
     @cached_property
     def _legs(self) -> tuple[Array, Array]:
@@ -315,10 +312,7 @@ class MovingBodyMeasurements:
     @cached_property
     def rates_rad_s(self) -> Array:
         """Speeds of the joints between samples, shape (K − 1, J) [rad/s, or m/s where one slides]."""
-        turns = np.diff(self.postures.angles, axis=0)
-        free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
-        short = np.mod(turns + np.pi, 2.0 * np.pi) - np.pi
-        return np.asarray(np.where(free, short, turns) / self.step_s)
+        return self.kinematics.turned_rad(self.postures.angles) / self.step_s
 
     # ----------------------------------------------------------------------------------------------
     # dynamics
@@ -328,12 +322,10 @@ class MovingBodyMeasurements:
         """The whole robot as pinocchio has it, shape (K, nq), and its velocity between samples, (K
         − 1, nv).
         """
-        pin, origins = self._pin, self.postures.origin_m
-        states = np.array(
-            [self.kinematics.configuration(angles) for angles in self.postures.angles]
-        )
-        for state, turn, origin in zip(states, self.postures.rotation, origins, strict=True):
-            state[self._base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * self._home)
+        pin, solver, body = self._pin, self.kinematics, self.postures
+        states = np.array([solver.configuration(angles) for angles in body.angles])
+        for state, turn, origin in zip(states, body.rotation, body.origin_m, strict=True):
+            state[solver.base] = pin.SE3ToXYZQUAT(solver.carried(turn, origin))
         velocity = [pin.difference(self._known, a, b) for a, b in pairwise(states)]
         return states, np.array(velocity) / self.step_s
 
@@ -373,22 +365,30 @@ class MovingBodyMeasurements:
         What legs that swing do to the balance of moments: motions are planned for one rigid body (W
         §III-A). Forces need no such row, for the centre of mass is the whole robot's.
         """
-        pin, known = self._pin, self._known
-        states, between = self._states
-        momentum = np.array(
-            [
-                pin.computeCentroidalMomentum(
-                    known,
-                    self._data,
-                    pin.integrate(known, state, 0.5 * self.step_s * velocity),
-                    velocity,
-                ).angular.copy()
-                for state, velocity in zip(states[:-1], between, strict=True)
-            ]
-        )
         arms = self.postures.toes_m - self.com_m[:, None]
         moments = np.cross(arms, self.forces_n).sum(axis=1)
-        return np.asarray(np.diff(momentum, axis=0) / self.step_s - moments[1:-1])
+        return np.asarray(self.momentum_rates[:, 3:] - moments[1:-1])
+
+    @cached_property
+    def momentum_rates(self) -> Array:
+        """Rates of the whole robot's momentum and of that about its centre of mass at the inner
+        samples, shape (K − 2, 6) [N, Nm].
+        """
+        pin, known = self._pin, self._known
+        states, between = self._states
+        momentum = list[Array]()
+        for state, velocity in zip(states[:-1], between, strict=True):
+            half = pin.integrate(known, state, 0.5 * self.step_s * velocity)
+            found = pin.computeCentroidalMomentum(known, self._data, half, velocity)
+            momentum.append(np.concatenate([found.linear, found.angular]))
+        return np.asarray(np.diff(np.array(momentum), axis=0) / self.step_s)
+
+    @cached_property
+    def centres_of_mass_m(self) -> Array:
+        """Centre of mass of the whole robot in its postures, shape (K, 3)."""
+        states, _ = self._states
+        centres = [self._pin.centerOfMass(self._known, self._data, q).copy() for q in states]
+        return np.array(centres)
 
     # ------------------------------------------------------------------------------------------------
     # bodies

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ..answer.certificate import Crossing
+from ..answer.certificate import Way
 from ..answer.motion import Motion
-from ..answer.plan import LeapPlan, Plan
+from ..answer.plan import LeapPlan
 from ..answer.report import Group, Report
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -21,14 +21,13 @@ from ..files.codec import to_json
 from ..motion.leap_motion import body_of
 from ..physics import GRAVITY_M_S2
 from ..problem.passage import Passage
-from ..problem.problem import Problem
 from ..robot.model import Robot
 from ..terrain.obstacles import Obstacles
 from .bodies import looked_at
 from .certificate import check_certificate
 from .geometry import off_terrain
-from .leaps import LeapBodyMeasurements, check_leap
-from .plans import check_plan
+from .judge import judge
+from .leaps import LeapBodyMeasurements
 
 _TOES_M = 1e-6
 """Toes are where they were when the next part begins, within this [m]."""
@@ -39,7 +38,6 @@ _JOINTS_RAD = 0.25
 by which key frames go, make of one pose [rad]."""
 _BROKEN = np.inf
 """Value of a part's group whose numbers are none of a plan: nobody asks for its ends."""
-_UNITS = {"toes": "m", "body": "m", "turn": "rad", "joints": "rad", "rest": "1"}
 
 
 _End = tuple[Array, Array, Array, Array | None]
@@ -47,23 +45,25 @@ _End = tuple[Array, Array, Array, Array | None]
 they are known."""
 
 
-def check_crossing(crossing: Crossing) -> Report[Crossing]:
+def check_crossing(crossing: Motion[Way]) -> Report[Motion[Way]]:
     """Judge a crossing; never raises for a bad one.
 
     The groups are one per part, named "1: climb", "2: leap" and so on, with what its own verifier
-    says; and per seam between two parts toes, body, turn, joints and rest. Of every leap, "flight":
-    its whole body against all surfaces of the terrain, and "ground": its toes on the terrain.
+    says; per seam between two parts toes, body, turn and joints; and "goal", where all of it ends.
+    Of every leap, "flight": its whole body against all surfaces of the terrain, and "ground": its
+    toes on the terrain.
     """
     groups, defect = list[Group](), _defect(crossing)
     if not defect:
         groups += _parts(crossing)
         if not any(group.value == _BROKEN for group in groups):
             groups += _seams(crossing)
+            groups.append(_goal(crossing))
         groups += _proof(crossing)
     return Report(groups=tuple(groups), answer=crossing, tolerance=0.0, defect=defect)
 
 
-def _defect(crossing: Crossing) -> str:
+def _defect(crossing: Motion[Way]) -> str:
     """Reason why the parts are not parts of one way; empty where there is none."""
     first = crossing.problem.course
     terrain, robot, gravity = to_json(first.terrain), to_json(first.robot), first.gravity_m_s2
@@ -103,18 +103,15 @@ def differs(mine: Robot, other: Robot) -> str:
     return "their legs are of different files" if both else "only one of them has legs of its own"
 
 
-def _parts(crossing: Crossing) -> Iterator[Group]:
-    for k, part in enumerate(crossing.parts, 1):
-        if part.keyed:
-            yield _verdict(f"{k}: climb", check_plan(part, joints=True))
-            continue
-        leapt = check_leap(part, body=True)
-        yield _verdict(f"{k}: leap", leapt)
-        if not leapt.defect:
+def _parts(crossing: Motion[Way]) -> Iterator[Group]:
+    for k, (part, word) in enumerate(zip(crossing.parts, crossing.part_words, strict=True), 1):
+        report = judge(part)
+        yield _verdict(f"{k}: {word}", report)
+        if not (part.keyed or report.defect):
             yield from _over(crossing, k, part)
 
 
-def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
+def _verdict(name: str, report: Report[Any]) -> Group:
     """Verdict of a part's own verifier."""
     worst = _BROKEN if report.defect else max(report.worst, 0.0)
     if not report.accepted:
@@ -125,7 +122,7 @@ def _verdict(name: str, report: Report[Plan] | Report[LeapPlan]) -> Group:
     return Group(name, value=worst, limit=report.tolerance, unit="1", verdict="holds")
 
 
-def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
+def _over(crossing: Motion[Way], k: int, plan: LeapPlan) -> Iterator[Group]:
     """A leap over the terrain: its toes on it, its whole body off it."""
     off = off_terrain(crossing.problem.terrain, plan.patches, np.asarray(plan.toes_m))
     j = int(np.argmax(off))
@@ -134,27 +131,28 @@ def _over(crossing: Crossing, k: int, plan: LeapPlan) -> Iterator[Group]:
     yield looked_at(name, lambda: LeapBodyMeasurements(body_of(plan)).bodies(name, around))
 
 
-def _seams(crossing: Crossing) -> Iterator[Group]:
+def _seams(crossing: Motion[Way]) -> Iterator[Group]:
     """Gaps between each part and the next."""
     for k, (before, after) in enumerate(pairwise(crossing.parts), 1):
         name, names = f"{k} to {k + 1}", crossing.robot.limb_names
         com, rotation, toes, angles = _end(before, last=True)
         com_then, rotation_then, toes_then, angles_then = _end(after, last=False)
-        yield _seam(f"{name}: toes", np.linalg.norm(toes - toes_then, axis=1), _TOES_M, names)
-        yield _seam(f"{name}: body", np.linalg.norm([com - com_then], axis=1), _BODY_M)
-        yield _seam(f"{name}: turn", np.abs(rotation - rotation_then), TURN_RAD, ("x", "y", "z"))
+        yield _seam(f"{name}: toes", np.linalg.norm(toes - toes_then, axis=1), _TOES_M, "m", names)
+        yield _seam(f"{name}: body", np.linalg.norm([com - com_then], axis=1), _BODY_M, "m")
+        yield _seam(
+            f"{name}: turn", np.abs(rotation - rotation_then), TURN_RAD, "rad", ("x", "y", "z")
+        )
         if angles is None or angles_then is None:
             message = "joints are not known on both sides"
             yield Group(f"{name}: joints", unit="rad", message=message, verdict="not checked")
             continue
         short = np.mod(angles - angles_then + np.pi, 2.0 * np.pi) - np.pi
-        yield _seam(f"{name}: joints", np.abs(short), _JOINTS_RAD)
+        yield _seam(f"{name}: joints", np.abs(short), _JOINTS_RAD, "rad")
 
 
-def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -> Group:
+def _seam(name: str, values: Array, limit: float, unit: str, names: tuple[str, ...] = ()) -> Group:
     """The worst of what differs between two parts."""
     k = int(np.argmax(values))
-    unit = _UNITS[name.rpartition(": ")[2]]
     value = float(values[k]) if np.isfinite(values).all() else np.inf
     return Group(name, value=value, limit=limit, unit=unit, where=names[k] if names else "")
 
@@ -162,18 +160,27 @@ def _seam(name: str, values: Array, limit: float, names: tuple[str, ...] = ()) -
 def _end(part: Motion[Any], *, last: bool) -> _End:
     """State in which a part begins, or ends."""
     k = -1 if last else 0
-    com, rotation = part.com_m[k], part.rotation_rad[k]
-    if part.keyed:
-        angles = None if part.joints_rad is None else part.joints_rad[k]
-        return com, rotation, part.toes_at(part.problem.frames - 1 if last else 0), angles
+    com, rotation, angles = part.com_m[k], part.rotation_rad[k], part.joints_rad
     toes = part.toes_m[part.problem.holds[k]]
+    if part.keyed:
+        return com, rotation, toes, None if angles is None else angles[k]
     with suppress(InvalidInput):  # no legs, or no pinocchio
         body = body_of(part)
         return com, body.rotation_rad[k], toes, body.postures.angles[k]
     return com, rotation, toes, None
 
 
-def _proof(crossing: Crossing) -> Iterator[Group]:
+def _goal(crossing: Motion[Way]) -> Group:
+    """Distance of where the last part ends from where the way is to end: parts that all hold may
+    lead elsewhere.
+    """
+    asked = crossing.problem
+    away_m = float(np.linalg.norm(crossing.parts[-1].com_m[-1, :2] - asked.goal_m))
+    limit_m = float(asked.course.com_radius_m[-1]) + _BODY_M
+    return Group("goal", value=away_m, limit=limit_m, unit="m")
+
+
+def _proof(crossing: Motion[Way]) -> Iterator[Group]:
     """The proof that no balanced motion leads from start to goal, where there is one."""
     proof = crossing.problem.certificate
     if proof is None:
@@ -187,16 +194,15 @@ def _proof(crossing: Crossing) -> Iterator[Group]:
     )
 
 
-def _another(crossing: Crossing, problem: Any) -> str:
+def _another(crossing: Motion[Way], problem: Any) -> str:
     """What a proof speaks of in place of the way of a crossing; empty for that way."""
-    first, last = crossing.problem.course, crossing.parts[-1].problem
+    way = crossing.problem
     if problem is None or differs(crossing.robot, problem.robot):
         return "of another robot"
-    if to_json(getattr(problem, "terrain", ())) != to_json(first.terrain):
+    if to_json(getattr(problem, "terrain", ())) != to_json(way.terrain):
         return "over another terrain"
     if not isinstance(problem, Passage):
         return "of one layout of key frames, which proves nothing of others"
-    if np.linalg.norm(problem.start_m - first.com_nominal_m[0, :2]) > _BODY_M:
+    if np.linalg.norm(problem.start_m - way.course.com_nominal_m[0, :2]) > _BODY_M:
         return "of another start"
-    goal_m = last.goal_m if isinstance(last, Problem) else last.goal.com_m
-    return "of another goal" if np.linalg.norm(problem.goal_m - goal_m[:2]) > _BODY_M else ""
+    return "of another goal" if np.linalg.norm(problem.goal_m - way.goal_m) > _BODY_M else ""

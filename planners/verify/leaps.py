@@ -26,7 +26,7 @@ from ..physics import GRAVITY_M_S2
 from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
 from .bodies import MovingBodyMeasurements, looked_at, nothing
-from .geometry import exact_and_linear, length
+from .geometry import exact_and_linear, length, patch_distances
 from .postures import Worst, violation
 from .trajectory_measurements import arrays_defect, as_far_as_known, worst_group
 
@@ -281,10 +281,15 @@ class _Judge:
 
     def groups(self) -> tuple[Group, ...]:
         """The worst of every group."""
-        for measure in (self._ends, self._claims, self._forces, self._body, self._limbs):
+        for measure in (
+            self._ends,
+            self._claims,
+            self._forces,
+            self._body,
+            self._limbs,
+            self._toes,
+        ):
             measure()
-        for j in range(len(self.leap.footholds)):
-            self._toe(j)
         return tuple(self.worst.groups.values())
 
     @property
@@ -403,21 +408,12 @@ class _Judge:
             known = most[:, 0] < math.inf
             self.worst.note(name, (used - most)[known], k[known], i[known], scale)
 
-    def _toe(self, j: int) -> None:
-        """A toe on its patch, or where it stands already."""
-        leap, toe = self.leap, self.plan.toes_m[j]
-        foothold, patch = leap.footholds[j], leap.patch(j, self.plan.choice)
-        first = int(np.flatnonzero(self.phase == foothold.frame)[0])
-        limb = np.array([leap.robot.limb_names.index(foothold.limb)])
-        if foothold.toe_m is not None:
-            self.worst.note("patch", float(np.linalg.norm(toe - foothold.toe_m)), first, limb)
-            return
-        border = patch.vertices_m
-        along = np.roll(border, -1, axis=0) - border
-        middle = border.mean(axis=0)
-        outward = np.cross(along, patch.normal)
-        outward *= np.sign(np.sum(outward * (border - middle), axis=1))[:, None]
-        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-        outside = np.sum(outward * (toe - border), axis=1).max()
-        above = abs(float((toe - middle) @ patch.normal))
-        self.worst.note("patch", max(float(outside), above), first, limb)
+    def _toes(self) -> None:
+        """Toes on their patches, or where they stand already."""
+        off = patch_distances([patch.vertices_m for patch in self.plan.patches], self.plan.toes_m)
+        for foothold, toe, away in zip(self.leap.footholds, self.plan.toes_m, off, strict=True):
+            if foothold.toe_m is not None:
+                away = length(toe - foothold.toe_m)
+            first = int(np.flatnonzero(self.phase == foothold.frame)[0])
+            limb = np.array([self.leap.robot.limb_names.index(foothold.limb)])
+            self.worst.note("patch", float(away), first, limb)

@@ -25,16 +25,15 @@ from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, cross, grain
-from ..motion.motion import MotionTable
+from ..motion.motion import MotionTable, one_sided
 from ..physics import GRAVITY_M_S2
 from ..robot.inverse_kinematics import WholeBody
-from ..robot.kinematics import Kinematics, pinocchio
+from ..robot.kinematics import Kinematics
 from ..robot.model import Robot
-from ..robot.urdf_reader import at_rest, base_joint
 from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.patch import Patch
-from .bodies import bodies_group, spaced
+from .bodies import MovingBodyMeasurements, bodies_group, spaced
 
 _GAP_M = 1e-3
 """A foot so near to the terrain touches it."""
@@ -262,10 +261,7 @@ def _unrounded(table: MotionTable) -> MotionTable:
         unit = grain(given) if name in _PLACES else 0.0
         if not _FINEST <= unit <= _COARSEST:
             continue
-        if name == "quaternion":  # q and -q are the same turn
-            turned = np.where(np.sum(given[1:] * given[:-1], axis=1) < 0.0, -1.0, 1.0)
-            given = given * np.cumprod(np.append(1.0, turned))[:, None]
-        at = given
+        at = given = one_sided(given) if name == "quaternion" else given
         for _ in range(_DESCENTS):
             bent = np.diff(at, n=2, axis=0)
             at = at - np.diff(np.pad(bent, ((2, 2), (0, 0))), n=2, axis=0) / 16.0
@@ -315,9 +311,7 @@ class _Measured:
     def joint_speed(self) -> _Worst:
         """Speed between rows as a share of the limit, (T − 1, J)."""
         most = self.kinematics.velocity_rad_s
-        turned = np.abs(np.diff(self.angles, axis=0))
-        free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
-        turned = np.where(free, np.minimum(turned, np.abs(2.0 * np.pi - turned)), turned)
+        turned = np.abs(self.kinematics.turned_rad(self.angles))
         why = "" if (most > 0.0).all() else "no limit of the joints' speed in the robot's file"
         gaps_s = np.minimum(self.step_s, np.diff(self.times_s))  # the grid's, or the stamps' own
         shares = turned / gaps_s[:, None] / np.where(most > 0.0, most, np.inf)
@@ -337,10 +331,8 @@ class _Measured:
     def rates(self) -> _Worst:
         """Distance of the joints' rates from what they turn before and after each row, (T, J)."""
         most = self.kinematics.velocity_rad_s
-        turned = np.diff(self.angles, axis=0)
-        free = np.concatenate([leg.turns for leg in self.kinematics.model.legs])
-        turned = np.where(free, (turned + np.pi) % (2.0 * np.pi) - np.pi, turned)
-        off = _off(self.known["rates_rad_s"], turned / self.step_s)
+        between = self.kinematics.turned_rad(self.angles) / self.step_s
+        off = _off(self.known["rates_rad_s"], between)
         shares = off / np.where(most > 0.0, most, _NO_LIMIT_RAD_S)
         return _worst(shares, self.kinematics.joints, self.times_s)
 
@@ -460,19 +452,10 @@ class _Measured:
         solid = (
             Obstacles.under(around.heights) if isinstance(around, Ground) else Obstacles.of(around)
         )
-        centres, normals = self._feet[0], self.surface[1]
-        rows = spaced(
-            np.concatenate([centres, self.known["origin_m"][:, None]], axis=1), self.angles
-        )
-        body = WholeBody(
-            rotation=self.table.rotation[rows],
-            origin_m=self.known["origin_m"][rows],
-            angles=self.angles[rows],
-            toes_m=self._points[rows],
-            normals=normals[rows],
-            stands=self.stands[rows],
-        )
+        points_m = np.concatenate([self._feet[0], self.known["origin_m"][:, None]], axis=1)
+        rows = spaced(points_m, self.angles)
         made = Bodies(self.kinematics, solid)
+        body = self._body.postures.at(rows)
         group = bodies_group("bodies", made, self.times_s[rows], body, between=True)
         if (worst := group.figures["worst"]) is None:
             return 0.0, "", None, "; ".join(made.missing)
@@ -572,36 +555,33 @@ class _Measured:
         return np.asarray(self._feet[0] - self.kinematics.radii_m[:, None] * self.surface[1])
 
     @cached_property
-    def _dynamics(self) -> tuple[Array, Array]:
-        """Centre of mass, shape (T, 3), and the force and moment about it that the motion needs,
-        shape (T − 2, 6).
-        """
-        pin, kinematics = pinocchio(), self.kinematics
-        known, data = kinematics.known, kinematics.known.createData()
-        joint = known.joints[base_joint(known)]
-        base = slice(joint.idx_q, joint.idx_q + 7)
-        home = pin.XYZQUATToSE3(at_rest(known)[base])
-        states = []
-        for angles, turn, origin in zip(
-            self.angles, self.table.rotation, self.known["origin_m"], strict=True
-        ):
-            state = kinematics.configuration(angles)
-            state[base] = pin.SE3ToXYZQUAT(pin.SE3(turn, origin) * home)
-            states.append(state)
-        com = np.array([pin.centerOfMass(known, data, state).copy() for state in states])
-        momentum = []
-        for before, after in pairwise(states):
-            turned = pin.difference(known, before, after)
-            half = pin.integrate(known, before, 0.5 * turned)
-            result = pin.computeCentroidalMomentum(known, data, half, turned / self.step_s)
-            momentum.append(np.concatenate([result.linear, result.angular]))
-        needed = np.diff(np.array(momentum), axis=0) / self.step_s
-        needed[:, 2] += self.weight_n
-        return com, needed
+    def _body(self) -> MovingBodyMeasurements:
+        """The whole robot on the uniform grid of the table, without forces."""
+        postures = WholeBody(
+            rotation=self.table.rotation,
+            origin_m=self.known["origin_m"],
+            angles=self.angles,
+            toes_m=self._points,
+            normals=self.surface[1],
+            stands=self.stands,
+        )
+        return MovingBodyMeasurements(
+            postures,
+            self.kinematics,
+            times_s=np.arange(len(self.times_s)) * np.float64(self.step_s),
+            com_m=self.known["origin_m"],
+            normals=postures.normals,
+            forces_n=np.zeros_like(self._points),
+        )
+
+    @cached_property
+    def _needed(self) -> Array:
+        """Force and moment about the centre of mass that the motion needs, shape (T − 2, 6)."""
+        return np.asarray(self._body.momentum_rates + self.weight_n * np.eye(6)[2])
 
     @property
     def _com(self) -> Array:
-        return self._dynamics[0]
+        return self._body.centres_of_mass_m
 
     @cached_property
     def _scale(self) -> Array:
@@ -610,7 +590,7 @@ class _Measured:
 
     def _residual(self, forces: Array, arms: Array) -> Array:
         wrench = np.concatenate([forces.sum(axis=1), cross(arms, forces).sum(axis=1)], axis=-1)
-        return np.asarray(np.linalg.norm((wrench - self._dynamics[1]) * self._scale, axis=-1))
+        return np.asarray(np.linalg.norm((wrench - self._needed) * self._scale, axis=-1))
 
     @cached_property
     def _lacks(self) -> Array:
@@ -626,7 +606,7 @@ class _Measured:
             columns = np.concatenate([edges, cross(arms[:, :, None], edges)], axis=-1) * self._scale
             parts.append((self.stands & np.isfinite(gap), columns))
         carries, columns = (np.concatenate(part, axis=1)[1:-1] for part in zip(*parts, strict=True))
-        needed = self._dynamics[1] * self._scale
+        needed = self._needed * self._scale
         lacks = np.linalg.norm(needed, axis=1)
         for k in np.flatnonzero(carries.any(axis=1)):
             lacks[k] = nnls(columns[k, carries[k]].reshape(-1, 6).T, needed[k])[1]

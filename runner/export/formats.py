@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -23,7 +24,7 @@ from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.motion.motion import LARGEST_RATE_HZ, MotionTable, Played, table_of
 from stancekit.planners.motion.plan_motion import reached_s
 from stancekit.planners.robot.meshes import numbers_of
-from stancekit.planners.robot.model import Robot, walking_robot
+from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.terrain.mesh_file import compiled_mjcf
 
@@ -60,12 +61,9 @@ def scene_of(subject: Motion[Any]) -> tuple[Robot | None, tuple[str, ...], Terra
     """Robot that moves, None where its legs are not known, the names of its limbs, the terrain, and
     gravity.
     """
-    robot: Robot | None = subject.robot
-    if subject.has("times_s"):
-        try:
-            robot = walking_robot(subject.robot)
-        except InvalidInput:
-            robot = None
+    robot: Robot | None = None
+    with suppress(InvalidInput):
+        robot = subject.legged
     return robot, subject.robot.limb_names, subject.ground(), subject.gravity_m_s2
 
 

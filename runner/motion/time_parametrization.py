@@ -26,7 +26,6 @@ from stancekit.planners.motion.gait_motion import (
     crossing_motion,
     feet_motion,
     gait_motion,
-    plans_of,
 )
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.motion.leap_motion import leap_motion
@@ -35,7 +34,6 @@ from stancekit.planners.motion.plan_motion import KNOTS, Timing, plan_motion
 from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.leg import ActuatorModel, continued
-from stancekit.planners.robot.model import walking_robot
 
 from ..acceptance import JointNeeds
 from ..control.foot_placement import ContactFeedback
@@ -571,8 +569,7 @@ def joint_motion(subject: Motion[Any], rate_hz: float = RATE_HZ) -> Played:
     """
     if subject.has("timing") and not subject.robot.own:
         raise InvalidInput("a leap has body, feet and forces: its robot has limbs alone")
-    walks = subject.has("times_s")
-    robot = walking_robot(subject.robot) if walks else subject.robot
+    walks, robot = subject.has("times_s"), subject.legged
     kinematics = Kinematics(robot, gravity_m_s2=subject.gravity_m_s2)
     drives = Drives.of(kinematics.model)
 
@@ -588,7 +585,7 @@ def joint_motion(subject: Motion[Any], rate_hz: float = RATE_HZ) -> Played:
         profile = timed_gait(motion, resolved(motion, kinematics), kinematics, drives, drives)
     else:
         motion = (
-            crossing_motion(subject, [timed(plan).motion for plan in plans_of(subject)])
+            crossing_motion(subject, [timed(plan).motion for plan in subject.climbs])
             if subject.has("parts")
             else leap_motion(subject)
         )

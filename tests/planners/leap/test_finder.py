@@ -295,7 +295,7 @@ def test_of_two_surfaces_in_one_plane_a_leap_leaves_from_the_one_that_holds_the_
 
 def test_a_crossing_begins_with_key_frames() -> None:
     with refuses("crossing gap"):
-        Motion(problem=Way(name="gap", course=None), parts=())
+        Motion(problem=Way(name="gap", course=None, goal_m=np.zeros(2)), parts=())
 
 
 def test_a_straight_way_has_the_body_as_high_as_its_toes_are_below_it() -> None:

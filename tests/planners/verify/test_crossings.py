@@ -22,8 +22,8 @@ LEAP = Path("tests/data/leap-hop-anymal.json")
 
 
 def crossing(name: str, *parts: Motion, refusal: str = "") -> Motion:
-    way = Way(name=name, course=parts[0].problem, refusal=refusal)
-    return Motion(problem=way, parts=parts)
+    goes = {"course": parts[0].problem, "goal_m": parts[-1].com_m[-1, :2]}
+    return Motion(problem=Way(name=name, refusal=refusal, **goes), parts=parts)
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +98,7 @@ FORGED = {
     "rougher ground": "2: ground",
     "body turned after landing": "2 to 3: turn",
     "no leap": "1 to 2: toes",
+    "no last climb": "goal",
 }
 
 
