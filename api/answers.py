@@ -231,7 +231,7 @@ def margins(
     plan = _evidence(subject) if isinstance(subject, Answer) else subject
     stances = (
         stances_of(plan)
-        if isinstance(plan, Motion)
+        if isinstance(plan, Motion) and plan.keyed
         else stances_from(plan, normals, friction, com_m, low, high, wrench)
     )
     found = stances.margins(

@@ -130,6 +130,8 @@ ABSENT: Any = None
 """A column that a motion does not have; its question says which ones it has."""
 LATER = ("modes", "joints_rad", "legs_turn_rad", "gather")
 """The arrays that a motion may be without though its question speaks of them."""
+SPARE = (*LATER, "points_m", "point_forces_n")
+"""Those that one may be without that is held: no plan without points of its soles is accepted."""
 PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 """Arrays with a row a frame, or a stance; of a posture there is one."""
 
@@ -139,8 +141,8 @@ class Motion(Evidence, Generic[Q]):
     """The one solution: a table of the columns that its question speaks of, in the world frame and
     SI units, with a row a key frame, a sample or an interval; arrays are read-only copies.
 
-    Nothing is checked here: ``verify`` does it, shapes, finiteness and sense, so that whatever a
-    planner returns can be held and looked at.
+    Nothing but which columns there are is checked here: ``verify`` does the rest, shapes, finiteness
+    and sense, so that whatever a planner returns can be held and looked at.
 
     M key frames over a problem of P footholds and S stances (a posture has M = S = 1), or M
     intervals of a leap; K samples of a walk on a uniform grid; a robot with N limbs or feet.
@@ -180,7 +182,8 @@ class Motion(Evidence, Generic[Q]):
         provenance: how it was made, names to texts or numbers.
 
     Raises:
-        InvalidInput: for values that are no arrays of numbers, and for parts that are no way.
+        InvalidInput: for columns that are not those of the question, for values that are no arrays
+            of numbers, and for parts that are no way.
     Source:
         Lin et al. §II and §IV-B, E11; Pan et al. §III, W2-W7; of leaps Newton and Euler for one
         rigid body.
@@ -226,6 +229,13 @@ class Motion(Evidence, Generic[Q]):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        came = {name for name in (*KINDS, "timing", "parts") if getattr(self, name) is not None}
+        asked = set(self.problem.columns()) or {"parts"}
+        if odd := (came - asked) | (asked - came - set(SPARE)):
+            raise InvalidInput(
+                f"{self.word} {self.name}: expected the columns {', '.join(sorted(asked))}; missing "
+                f"or of another question: {', '.join(sorted(odd))}"
+            )
         for name, kind in KINDS.items():
             if getattr(self, name) is not None:
                 held(self, kind, name)
@@ -234,12 +244,15 @@ class Motion(Evidence, Generic[Q]):
             object.__setattr__(self, "provenance", plain)
         if self.has("parts"):
             object.__setattr__(self, "parts", tuple(self.parts))
-            fit = [part.has("choice") and part.problem.counts for part in self.parts]
+            fit = [
+                isinstance(part, Motion) and part.has("choice") and part.problem.counts
+                for part in self.parts
+            ]
             if not (fit and all(fit) and self.parts[0].keyed):
-                came = ", ".join(part.word for part in self.parts) or "none"
+                words = ", ".join(getattr(part, "word", shown(part)) for part in self.parts)
                 raise InvalidInput(
                     f"{self.word} {self.name}: expected parts that are climbs by key frames and leaps, a climb "
-                    f"first, got {came}"
+                    f"first, got {words or 'none'}"
                 )
 
     def __repr__(self) -> str:

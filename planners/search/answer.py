@@ -23,7 +23,7 @@ from ..arguments import check_argument, hints_of
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput
+from ..errors import InvalidInput, located
 from ..files.arrays import Array, checked as checked_number
 from ..files.documents import shown
 from ..plugins import foreign
@@ -481,7 +481,8 @@ def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | N
             "planner": where.partition(" ")[2],
             "said": _plain(dict(found.provenance)),
         }
-    return kind(**{name: getattr(found, name) for name in _NUMBERS[kind]}, **given)
+    with located(where):
+        return kind(**{name: getattr(found, name) for name in _NUMBERS[kind]}, **given)
 
 
 def _text(value: Any, where: str) -> str:

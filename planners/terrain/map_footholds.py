@@ -32,7 +32,6 @@ from .elevation import ElevationMap
 from .facets import FlatPiece, Plane, shapely_module
 from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
 from .map_certainty import (
-    LEVEL_M,
     certainties,
     excess_squares,
     roughnesses,
@@ -60,12 +59,8 @@ _FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
 _STRAIGHT = 0.25
 """The outline that bodies keep out of is made simpler by no more than this, in cells."""
-_NEAR, _POCKET = 0.75, 1.0
-"""Corners of an outline are left out that are no farther off, in cells; the second of one that then
-ends as much inside."""
-_TOUCHING, _MOSTLY = 0.05, 0.8
-"""A cell that is no deeper inside of an outline is on its border, in cells; and the share of the
-border of two surfaces along which their planes cross where it is a crease."""
+_POCKET = 1.0
+"""An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
 
 def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
@@ -180,7 +175,7 @@ def _planes_of(
         a, b, c = planes[number]
         normal = normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
         plane = Plane.through(cells.corner_m + np.array([0.0, 0.0, c]), normal)
-        simple, whole_shape = _outline(padded, number, where, None if noisy else planes)
+        simple, whole_shape = _outline(padded, number, where)
         outline = _on_plane(simple, plane, spacing)
         samples = round(float(counted[where][labels[where] == number].sum()) / cells.weight)
         facet = FlatPiece(
@@ -251,11 +246,11 @@ def _widest(
     """
     spacing_m = cells.spacing_m
     if certainty is None:
-        return 1.0, Certainty(
+        return 0.5, Certainty(
             about_m=cells.corner_m[:2], covariance=np.zeros((3, 3)), wider_m=spacing_m
         )
     if not noisy:
-        return 1.0, replace(certainty, wider_m=spacing_m)
+        return 0.5, replace(certainty, wider_m=spacing_m)
     wider = (certainty.inset_m - limits.inset_m) / spacing_m + _STRAIGHT
     return wider, replace(certainty, wider_m=wider * spacing_m)
 
@@ -329,39 +324,23 @@ def _counted(cells: GroundCells, noise: Noise) -> GroundCells:
     return cells.weighed(1.0 / noise.samples_alike(per_m2))
 
 
-def _outline(
-    padded: Labels, number: int, where: tuple[slice, ...], planes: Array | None
-) -> tuple[Any, Any]:
-    """The polygon in which a surface's ground is known, simplified inwards, and the one through its
-    likely edges, both in cells.
-
-    Exact planes that cross between two cells meet there, in a crease, which is an edge of both; at
-    a step the edge is anywhere between two cells, so that the ground is known as far as the last
-    one. Edges of noisy heights are half way, and footholds half a cell inside of them.
+def _outline(padded: Labels, number: int, where: tuple[slice, ...]) -> tuple[Any, Any]:
+    """A surface's cells as polygons, in cells: what is half a cell inside of the line half way to
+    foreign cells, which is straightened by as much; and what is within that line.
 
     Arguments:
         padded: the surface of each cell, −1 for none, and −1 about them all.
         where: the cells among which the surface is, not padded.
-        planes: of all surfaces, in cells, shape (S, 3); None where they are noisy.
     """
     shapely = shapely_module()
     first = np.array([side.start for side in where])
     mask = padded[tuple(slice(side.start, side.stop + 2) for side in where)] == number
     lines = contour_generator(z=mask.T.astype(np.float64), fill_type="OuterOffset").filled(0.5, 1.5)
-    whole, inner = list[Any](), list[Any]()
+    whole = list[Any]()
     for points, offsets in zip(*lines, strict=True):
-        low, high = np.floor(points).astype(int), np.ceil(points).astype(int)
-        mine = np.where(mask[*low.T][:, None], low, high)
-        beside = low + high - mine
-        ends = mine + first - 1.0, beside + first - 1.0
-        share = np.full(len(points), 0.5)
-        if planes is not None:
-            share = _to_crease(*ends, number, padded[*(beside + first).T], planes)
-        border = ends[0] + share[:, None] * (ends[1] - ends[0])
-        outer, *holes = (border[a:b] for a, b in pairwise(offsets.tolist()))
-        whole.append(shapely.make_valid(shapely.Polygon(outer, holes)))
-        inner.append(_inner(whole[-1]) if planes is None else _known(whole[-1], ends[1]))
-    return shapely.union_all(inner), shapely.union_all(whole)
+        outer, *holes = (points[a:b] - 1.0 + first for a, b in pairwise(offsets.tolist()))
+        whole.append(shapely.Polygon(outer, holes))
+    return shapely.union_all([_inner(each) for each in whole]), shapely.MultiPolygon(whole)
 
 
 def _on_plane(polygon: Any, plane: Plane, spacing: float) -> Any:
@@ -375,37 +354,8 @@ def _on_plane(polygon: Any, plane: Plane, spacing: float) -> Any:
     return shapely_module().transform(polygon, moved)
 
 
-def _to_crease(mine: Array, others: Array, number: int, beside: Labels, planes: Array) -> Array:
-    """How far a surface goes on from its cells to those of other surfaces, as a share of the way:
-    to where the planes meet, else not at all, shape (K,).
-
-    Arguments:
-        mine, others: the cells, shape (K, 2).
-        beside: the surfaces of the others, −1 for none, shape (K,).
-    """
-    apart = planes[number] - planes[beside]
-    here, there = (np.vecdot(apart[:, :2], cell) + apart[:, 2] for cell in (mine, others))
-    crosses = (here * there <= 0.0) & (here != there)
-    met = here / np.where(crosses, here - there, 1.0)
-    meets = (beside >= 0) & (crosses | (np.abs(there) <= LEVEL_M))
-    mostly = np.bincount(beside + 1, meets) >= _MOSTLY * np.bincount(beside + 1)
-    return np.asarray(np.where(crosses, met, 1.0) * (meets & mostly[beside + 1]))
-
-
-def _known(shape: Any, beside: Array) -> Any:
-    """A simpler outline of exact heights: the convex hull or, about no hole, one near to the shape,
-    where it holds none of the cells beside it, shape (K, 2); else one inside of it.
-    """
-    shapely = shapely_module()
-    around = shapely.get_num_interior_rings(shapely.get_parts(shape)).any()
-    for outline in [shape.convex_hull, shape.simplify(_NEAR)][: 1 if around else 2]:
-        if not shapely.contains_xy(outline.buffer(-_TOUCHING), beside).any():
-            return outline
-    return shape.simplify(_POCKET).buffer(-_POCKET, join_style="mitre")
-
-
 def _inner(polygon: Any) -> Any:
-    """An outline of noisy heights in cells made simpler, half a cell inside of itself at the least:
+    """An outline in cells made simpler, half a cell inside of itself at the least:
     convex where it nearly is.
     """
     shapely, hull = shapely_module(), polygon.convex_hull

