@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3084, 42684),
     "learners": (5259, 77682),
-    "planners": (35039, 578356),
+    "planners": (35039, 578279),
     "runner": (6504, 89475),
     "views": (4303, 68822),
 }
