@@ -268,8 +268,7 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
         )
         inside = shapely.contains_xy(
             shapely.Polygon(corners[:, :2]), x[part].ravel(), y[part].ravel()
-        )
-        inside = inside.reshape(x[part].shape)
+        ).reshape(x[part].shape)
         if not inside.any():
             continue
         level = (
@@ -289,11 +288,8 @@ def score(found: Footholds, truth: Callable[[Array, Array], Truth]) -> Row:
                     np.column_stack([np.ones(len(places)), places]), own_heights, rcond=None
                 )[0][1:]
                 wrong = -normal[:2] / normal[2] - slopes
-                certainty = piece.patch.certainty
-                slope_covariance = getattr(
-                    certainty, "slope_covariance", certainty.covariance[1:, 1:]
-                )
-                tilts[piece.surface] = float(wrong @ np.linalg.solve(slope_covariance, wrong))
+                shares = np.linalg.solve(piece.patch.certainty.slope_covariance, wrong)
+                tilts[piece.surface] = float(wrong @ shares)
         over += int((inside & ~own).sum())
         cells_of += int(inside.sum())
         covered[part] |= inside & own & (np.abs(level - heights[part]) < FAR_M)
@@ -356,31 +352,36 @@ def planned(found: Footholds, truth: Callable[[Array, Array], Truth], *, play: b
         level, other = truth(*(toes[:, :2] + step).T)
         gone_on = heights - normals[:, :2] @ step / normals[:, 2]
         over |= (other != surface) & (np.abs(level - gone_on) > STEP_M)
-    row: Row = {
+    return {
         "plan": "accepted",
         "toes_worst_mm": round(1e3 * float(off.max()), 1),
         "toes": len(toes),
         "toes_over": int(over.sum()),
         "toes_within": int((off * normals[:, 2] <= touch_downs_m(plan) + 5e-4).sum()),
         "touch_down_mm": round(1e3 * float(touch_downs_m(plan).max()), 1),
-    }
-    return row | (played(plan, truth) if play else {})
+    } | (played(plan, truth) if play else {})
 
 
 def played(plan: Any, truth: Callable[[Array, Array], Truth]) -> Row:
     """A plan on the true ground in MuJoCo."""
-    from stancekit.runner.run import simulate
+    from stancekit.motions import accepted_of
+    from stancekit.runner.run import Runner
+    from stancekit.runner.settings import RunSettings
+    from stancekit.runner.worlds.world import make_world
 
     try:
-        report = simulate(
-            plan, "mujoco", terrain=true_patches(truth, plan.problem.terrain[0].friction)
-        )
+        report = Runner(
+            make_world("mujoco", plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2),
+            settings=RunSettings(check_limits=False),
+        ).run(accepted_of(plan), true_patches(truth, plan.problem.terrain[0].friction))
     except InvalidInput as error:
         return {"executed": False, "said": f"not begun: {error}"}
-    run = report.execution
-    slip = None if run is None else round(1e3 * float(run.slip_m.max()), 1)
-    body = None if run is None else round(1e3 * run.com_worst_m, 1)
-    return {"executed": report.succeeded, "said": report.message, "slip_mm": slip, "body_mm": body}
+    row: Row = {"executed": report.succeeded, "said": report.message}
+    if (run := report.execution) is not None:
+        row["slip_mm"], row["body_mm"] = (
+            round(1e3 * float(worst), 1) for worst in (run.slip_m.max(), run.com_worst_m)
+        )
+    return row
 
 
 def true_patches(truth: Callable[[Array, Array], Truth], friction: float) -> list[Patch]:

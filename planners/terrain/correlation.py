@@ -39,6 +39,8 @@ _FEW = 3
 """Squares of so many cells a side are summed cell by cell, which is quicker."""
 
 Labels = NDArray[np.int_]
+BESIDE = ((np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1]))
+"""Along each axis the cells that have one before them, and those."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -405,7 +407,7 @@ def noise_of_residuals(labels: Labels, cells: GroundCells, noise_m: float) -> No
     """
     rest = residuals(labels, cells)
     both = squares = count = 0.0
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+    for one, other in BESIDE:
         within = (labels[one] == labels[other]) & (labels[one] >= 0)
         within &= cells.known[one] & cells.known[other]
         left, right = rest[one][within], rest[other][within]

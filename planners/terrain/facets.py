@@ -21,7 +21,7 @@ from scipy.spatial import KDTree
 from ..errors import installed
 from ..files.arrays import Array
 from .correlation import connected
-from .patch import Certainty, Patch
+from .patch import Certainty, Patch, flat_patches
 from .polygon import shear_of, width
 from .triangle_mesh import TriangleMesh
 
@@ -32,7 +32,7 @@ _SAME_M = 1e-9
 
 _Loop = list[int]
 _Point = Sequence[float]
-_Corners = dict[int, _Point]
+_Corners = Sequence[_Point]
 
 
 def _convex_pieces(polygon: Any) -> list[Array]:
@@ -40,9 +40,7 @@ def _convex_pieces(polygon: Any) -> list[Array]:
     outline = np.asarray(polygon.exterior.coords)[:-1]
     if not polygon.interiors:
         outline = outline if polygon.exterior.is_ccw else outline[::-1]
-        loop = list(range(len(outline)))
-        flat = dict(enumerate(outline.tolist()))
-        turns = _turns(loop, flat)
+        turns = _turns(range(len(outline)), outline.tolist())
         if np.all(turns > 0.0):
             return [outline]
         if np.all(turns > -_STRAIGHT) and np.sum(turns > _STRAIGHT) > 2:
@@ -50,7 +48,7 @@ def _convex_pieces(polygon: Any) -> list[Array]:
     import shapely
 
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(polygon))
-    corners = np.array([np.asarray(triangle.exterior.coords)[:3] for triangle in triangles])
+    corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3]
     _, first, number = np.unique(
         np.round(corners.reshape(-1, 2) / _SAME_M), axis=0, return_index=True, return_inverse=True
     )
@@ -60,16 +58,13 @@ def _convex_pieces(polygon: Any) -> list[Array]:
     area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
     loops = np.where((area < 0.0)[:, None], loops[:, ::-1], loops)[np.abs(area) > _SAME_M**2]
     return [
-        _exact(points[loop])
-        for loop in _merged(loops.tolist(), dict(enumerate(points.tolist())))
-        if len(loop) > 2
+        _exact(points[loop]) for loop in _merged(loops.tolist(), points.tolist()) if len(loop) > 2
     ]
 
 
 def _exact(piece: Array) -> Array:
     """A piece that is convex but for what counts as straight, convex to the last bit."""
-    loop = list(range(len(piece)))
-    if np.all(_turns(loop, dict(enumerate(piece.tolist()))) > 0.0):
+    if np.all(_turns(range(len(piece)), piece.tolist()) > 0.0):
         return piece
     import shapely
 
@@ -86,8 +81,11 @@ def _merged(loops: list[_Loop], flat: _Corners) -> list[_Loop]:
             if changed & {one, other}:
                 continue
             union = _border([pieces[one], pieces[other]])
+            met = {*pieces[one]} & {*pieces[other]}  # at other corners both turn as before
             if union is not None and all(
-                _turn(flat[a], flat[b], flat[c]) > -_STRAIGHT for a, b, c in _corners(union)
+                _turn(flat[a], flat[b], flat[c]) > -_STRAIGHT
+                for a, b, c in _corners(union)
+                if b in met
             ):
                 pieces[one], merged = union, True
                 changed |= {one, other}
@@ -100,8 +98,8 @@ def _border(loops: list[_Loop]) -> _Loop | None:
     pinched corners).
     """
     edges = {(a, b) for loop in loops for a, b in zip(loop, [*loop[1:], loop[0]], strict=True)}
-    following = {a: b for a, b in edges if (b, a) not in edges}
-    open_edges = sum((b, a) not in edges for a, b in edges)
+    border = [(a, b) for a, b in edges if (b, a) not in edges]
+    following, open_edges = dict(border), len(border)
     if len(following) != open_edges or not following:
         return None
     start = min(following)
@@ -128,12 +126,12 @@ def _touching(pieces: dict[int, _Loop]) -> list[tuple[int, int]]:
     return [pair for pair, _ in pairs.most_common()]
 
 
-def _turns(loop: _Loop, flat: _Corners) -> Array:
+def _turns(loop: Sequence[int], flat: _Corners) -> Array:
     """Sine of the turn at every corner, positive to the left, shape (len(loop),)."""
     return np.array([_turn(flat[a], flat[b], flat[c]) for a, b, c in _corners(loop)])
 
 
-def _corners(loop: _Loop) -> Iterator[tuple[int, int, int]]:
+def _corners(loop: Sequence[int]) -> Iterator[tuple[int, int, int]]:
     """Each corner of a loop between the one before and the one after it."""
     return zip([loop[-1], *loop[:-1]], loop, [*loop[1:], loop[0]], strict=True)
 
@@ -217,15 +215,6 @@ class Plane:
         """Back again, shape (…, 2) → (…, 3) [m]."""
         return np.asarray(self.origin_m + points @ self.axes.T)
 
-    def patch(self, corners: Array, friction: float) -> Patch:
-        """The patch of a convex polygon in the plane, shape (U, 2)."""
-        return Patch(
-            vertices_m=self.world(corners),
-            normal=self.normal,
-            shear_reference=shear_of(self.normal),
-            friction=friction,
-        )
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FlatPiece:
@@ -240,24 +229,23 @@ class FlatPiece:
     certainty: Certainty | None = None
 
     def pieces(self, least_m: float) -> Iterator[Array]:
-        """Convex pieces that are wide everywhere, see ``_wide``."""
+        """Convex pieces that are wide enough, and wider than a thousandth of their length."""
         yield from (
             piece
             for part in parts_of(self.polygon)
             for piece in _convex_pieces(part)
-            if _wide(piece, least_m)
+            if width(piece) > max(least_m, 1e-3 * float(np.ptp(piece, axis=0).max()))
         )
 
-    def patches(self, least_m: float, friction: float) -> Iterator[Patch]:
-        """The patches of these pieces."""
-        made: Patch | None = None
-        for piece in self.pieces(least_m):
-            made = (
-                made.with_vertices(self.plane.world(piece))
-                if made
-                else self.plane.patch(piece, friction)
-            )
-            yield made
+    def patches(self, least_m: float, friction: float) -> list[Patch]:
+        """The patches of these pieces, those of as many corners looked at all at once."""
+        pieces = [self.plane.world(piece) for piece in self.pieces(least_m)]
+        axes, made = [self.plane.normal, shear_of(self.plane.normal)], dict[int, Patch]()
+        for corners in {len(piece) for piece in pieces}:
+            of = [k for k, piece in enumerate(pieces) if len(piece) == corners]
+            places, (up, shear) = np.stack([pieces[k] for k in of]), np.stack([axes] * len(of), 1)
+            made.update(zip(of, flat_patches(places, up, shear, [friction] * len(of)), strict=True))
+        return [made[k] for k in range(len(pieces))]
 
 
 def parts_of(polygon: Any) -> list[Any]:
@@ -269,11 +257,6 @@ def parts_of(polygon: Any) -> list[Any]:
         polygon = polygon.buffer(0.0)
     parts = shapely.get_parts(polygon) if hasattr(polygon, "geoms") else [polygon]
     return [part for part in parts if part.geom_type == "Polygon" and part.area > _SNAP_M**2]
-
-
-def _wide(piece: Array, least_m: float) -> bool:
-    """Tell whether a convex piece is wide enough, and wider than a thousandth of its length."""
-    return width(piece) > max(least_m, 1e-3 * float(np.ptp(piece, axis=0).max()))
 
 
 def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> list[FlatPiece]:

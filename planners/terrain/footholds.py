@@ -250,7 +250,7 @@ class TerrainPatch:
     def area_m2(self) -> float:
         """Area of the piece [m²]."""
         about = self.patch.vertices_m - self.patch.vertices_m[0]
-        return 0.5 * float(np.linalg.norm(np.cross(about, np.roll(about, -1, axis=0)).sum(axis=0)))
+        return 0.5 * float(np.linalg.norm(cross(about, np.roll(about, -1, axis=0)).sum(axis=0)))
 
     @property
     def slope_rad(self) -> float:

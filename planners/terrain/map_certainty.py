@@ -11,6 +11,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from .correlation import (
+    BESIDE,
     GroundCells,
     Labels,
     block_squares,
@@ -210,7 +211,7 @@ def _steps(labels: Labels, level: Array, count: int) -> Array:
     """
     steps = np.full(count, np.inf)
     ours, off = list[Labels](), list[Array]()
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+    for one, other in BESIDE:
         for a, b in ((one, other), (other, one)):
             differ = (labels[a] != labels[b]) & (labels[a] >= 0) & (labels[b] >= 0)
             differ &= np.abs(level[b] - level[a]) > LEAST_STEP_M

@@ -198,10 +198,8 @@ def _planes_of(
         pieces += standing
         wider, whole = _widest(facet.certainty, cells, limits, noisy)
         outer = whole_shape.buffer(wider, join_style="mitre").simplify(_STRAIGHT)
-        outline_of = replace(facet, polygon=_on_plane(outer, plane, spacing)).patches(
-            SMALLEST_M, friction
-        )
-        surfaces += [patch.with_certainty(whole) for patch in outline_of]
+        around = replace(facet, polygon=_on_plane(outer, plane, spacing))
+        surfaces += [each.with_certainty(whole) for each in around.patches(SMALLEST_M, friction)]
         refused["edge"] += max(float(area_m2[number]) - outline.area, 0.0)
     for number, rung in enumerate(rungs, len(planes)):
         lines = rung.pieces(number, limits, friction)

@@ -413,7 +413,7 @@ def _standing(part: FlatPiece, width_m: float, friction: float, *, strips: bool)
     """The convex pieces of a part inside of the margin that are wide enough; of a strip, which has
     none, those that are long enough: a foot fits on it, though there is little room beside it.
     """
-    wide_enough = list(part.patches(max(width_m, SMALLEST_M), friction))
+    wide_enough = part.patches(max(width_m, SMALLEST_M), friction)
     if wide_enough or not strips:
         return wide_enough
     narrow = part.patches(SMALLEST_M, friction)

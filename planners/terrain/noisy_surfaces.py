@@ -20,6 +20,7 @@ from scipy.ndimage import maximum_filter
 
 from ..files.arrays import Array
 from .correlation import (
+    BESIDE,
     GroundCells,
     Labels,
     Noise,
@@ -147,7 +148,7 @@ def _without_steps(labels: Labels, cells: GroundCells) -> Labels:
     """Surfaces without the cells between which there is a step, though they are about one plane."""
     off = np.where(labels >= 0, residuals(labels, cells), np.nan)
     beside = np.zeros(labels.shape, dtype=bool)
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+    for one, other in BESIDE:
         step = (labels[one] == labels[other]) & (np.abs(off[one] - off[other]) > LEAST_STEP_M)
         beside[one] |= step
         beside[other] |= step
@@ -278,10 +279,7 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
     shifts = [(side * u, side * v) for u in (-1, 0, 1) for v in (-1, 0, 1)]
     padded = np.pad(blocks, ((0, 0), (side, side), (side, side)))
     n, m = cells.known.shape
-    parts = {
-        way: padded[:, side + way[0] : side + way[0] + n, side + way[1] : side + way[1] + m]
-        for way in shifts
-    }
+    parts = {(u, v): padded[:, side + u : side + u + n, side + v : side + v + m] for u, v in shifts}
     i, j = np.indices((n, m), dtype=np.float64)
     total = sum(parts.values(), start=np.zeros(blocks.shape))
     (a, b, c), rms = solved(about(total, i, j))
@@ -302,15 +300,14 @@ def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: 
     best = np.full((n, m), np.inf)
     plane, deviation = np.zeros((3, n, m)), np.zeros((2, n, m))
     for u, v in sorted(shifts, key=lambda way: abs(way[0]) + abs(way[1])):
-        rows, other = _overlap(n, u), _overlap(m, v)
-        here, there = (rows[0], other[0]), (rows[1], other[1])
+        here, there = zip(_overlap(n, u), _overlap(m, v), strict=True)
         better = score[there] < best[here] * (0.9 if (u, v) != (0, 0) else 1.0)
-        best[here] = np.where(better, score[there], best[here])
+        np.copyto(best[here], score[there], where=better)
         planes = np.stack([a[there], b[there], c[there] - a[there] * u - b[there] * v])
-        plane[(slice(None), *here)] = np.where(better, planes, plane[(slice(None), *here)])
+        np.copyto(plane[:, *here], planes, where=better)
         lever = np.sqrt(1.0 + 1.5 * (abs(u) + abs(v)) / side)
         wide = np.stack([lever * noise_m / np.sqrt(count[there]), slope_sd[there]])
-        deviation[(slice(None), *here)] = np.where(better, wide, deviation[(slice(None), *here)])
+        np.copyto(deviation[:, *here], wide, where=better)
     ground = cells.known & np.isfinite(best)
     pairs = [_continued(plane, deviation, ground, axis, cells.spacing_m, limits) for axis in (0, 1)]
     left, right = map(np.concatenate, zip(*pairs, strict=True))
@@ -337,10 +334,9 @@ def _continued(
     """Pairs of neighbouring cells along an axis whose planes go on in one another, in view of their
     deviations.
     """
-    here = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
-    there = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
-    (a, b, c), (d, e, f) = (plane[(slice(None), *side)] for side in (here, there))
-    wide, turning = np.hypot(deviation[(slice(None), *here)], deviation[(slice(None), *there)])
+    there, here = BESIDE[axis]
+    (a, b, c), (d, e, f) = plane[:, *here], plane[:, *there]
+    wide, turning = np.hypot(deviation[:, *here], deviation[:, *there])
     bend = np.hypot(a - d, b - e) / spacing
     rise = np.abs(f - c - 0.5 * ((a + d) if axis == 0 else (b + e)))
     fits = ground[here] & ground[there] & (rise <= OFF * np.hypot(limits.roughness_m, wide))
@@ -378,7 +374,7 @@ def _borders(halves: Labels, count: int) -> Labels:
     2k + 1.
     """
     borders = np.zeros(count, dtype=np.int_)
-    for one, other in ((halves[1:], halves[:-1]), (halves[:, 1:], halves[:, :-1])):
+    for one, other in ((halves[each], halves[before]) for each, before in BESIDE):
         differ = (one >= 0) & (one != other) & (one // 2 == other // 2)
         borders += np.bincount(one[differ] // 2, minlength=count)
     return borders
@@ -457,12 +453,9 @@ def _halves_of(number: Labels, x: Array, y: Array, count: int) -> Labels:
 def apart(key: Labels) -> Labels:
     """Labels anew, of which what does not hang together is apart."""
     index = np.arange(key.size).reshape(key.shape)
-    one = np.concatenate(
-        [index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]]
-    )
-    other = np.concatenate(
-        [index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]]
-    )
+    down, right = key[:-1] == key[1:], key[:, :-1] == key[:, 1:]
+    one = np.concatenate([index[:-1][down], index[:, :-1][right]])
+    other = np.concatenate([index[1:][down], index[:, 1:][right]])
     part = connected(one, other, key.size)[1].reshape(key.shape)
     return renumbered(np.where(key >= 0, part, -1))
 
@@ -471,7 +464,7 @@ def _touching(labels: Labels) -> Labels:
     """Pairs of surfaces that touch, shape (2, K)."""
     touching = [
         np.stack([one[differ], other[differ]])
-        for one, other in ((labels[1:], labels[:-1]), (labels[:, 1:], labels[:, :-1]))
+        for one, other in ((labels[each], labels[before]) for each, before in BESIDE)
         for differ in [(one != other) & (one >= 0) & (other >= 0)]
     ]
     return _distinct(np.concatenate(touching, axis=1))
@@ -524,7 +517,12 @@ def _joined(
 
 
 def _excess(
-    parts: Array, block: Labels, sums: Array, rows: list[Labels], pair: list[int], noise_m: float
+    parts: Array,
+    block: Labels,
+    sums: Array,
+    rows: list[Labels],
+    pair: tuple[int, ...],
+    noise_m: float,
 ) -> float:
     """Amount by which means over blocks are off one plane of two surfaces, beyond the effect of
     noise, below 0 where they are not; the larger of that of both and that of the smaller one alone,
@@ -541,16 +539,13 @@ def _excess(
         slice(0, len(rows[one])) if sums[0, one] < sums[0, other] else slice(len(rows[one]), None)
     )
     alone = rest[small] ** 2 / n[small]
-    excesses = []
-    for squares, freedom, times in (
-        (together, len(places) - 3.0, 3.0),
-        (alone, float(len(alone)), _CHOSEN),
-    ):
-        freedom = max(freedom, 1.0)
-        excesses.append(
-            float((squares.sum() / noise_m**2 - freedom) / np.sqrt(2.0 * freedom) - times)
+    return max(
+        float((squares.sum() / noise_m**2 - freedom) / np.sqrt(2.0 * freedom) - times)
+        for squares, freedom, times in (
+            (together, max(len(places) - 3.0, 1.0), 3.0),
+            (alone, max(float(len(alone)), 1.0), _CHOSEN),
         )
-    return max(excesses)
+    )
 
 
 def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
@@ -562,16 +557,21 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     wide, count = labels.shape[1] // side + 2, int(labels.max(initial=-1)) + 1
     pairs, whose, (i, j) = _touching(labels), np.arange(count), np.nonzero(labels >= 0)
     keys, parts = (i // side * wide + j // side) * count + labels[i, j], cells.moments[:, i, j]
+    known = dict[tuple[int, ...], float]()
     for _ in range(_JOINED):
         if not pairs.size:
             break
         keys, of = np.unique(keys, return_inverse=True)
         parts, (block, owner) = sums_of(of, parts, len(keys)), np.divmod(keys, count)
         sums = sums_of(owner, parts, count)
-        rows = [np.flatnonzero(owner == k) for k in range(count)]
-        excess = np.array(
-            [_excess(parts, block, sums, rows, pair, noise_m) for pair in pairs.T.tolist()]
-        )
+        order = np.argsort(owner, kind="stable")
+        rows = np.split(order, np.searchsorted(owner[order], np.arange(1, count)))
+        known |= {
+            pair: _excess(parts, block, sums, rows, pair, noise_m)
+            for pair in zip(*pairs.tolist(), strict=True)
+            if pair not in known
+        }
+        excess = np.array([known[pair] for pair in zip(*pairs.tolist(), strict=True)])
         least = np.full(count, np.inf)
         for row in pairs:
             np.minimum.at(least, row, excess)
@@ -580,6 +580,8 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
             break
         target = np.arange(count)
         target[pairs[1][mutual]] = pairs[0][mutual]
+        grown = set(pairs[0][mutual].tolist())
+        known = {pair: each for pair, each in known.items() if grown.isdisjoint(pair)}
         keys, whose, pairs = block * count + target[owner], target[whose], _distinct(target[pairs])
     return renumbered(np.append(whose, -1)[labels])
 

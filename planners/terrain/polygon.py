@@ -157,10 +157,8 @@ def width(polygon: Array) -> float:
     """
     edges = polygon[_following(polygon)] - polygon
     lengths = np.hypot(edges[:, 0], edges[:, 1])
-    normals = (
-        np.stack([edges[:, 1], -edges[:, 0]], axis=1)[lengths > 1e-12]
-        / lengths[lengths > 1e-12, None]
-    )
+    long = lengths > 1e-12
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)[long] / lengths[long, None]
     heights = normals @ polygon.T
     return float((heights.max(axis=1) - heights.min(axis=1)).min()) if len(normals) else 0.0
 

@@ -22,11 +22,7 @@ KINDS = ("stl", "obj", "ply")
 def read_mesh(path, *, friction, **named):
     mesh = read_terrain(path, ImportOptions(**named))
     mesh.check_size()
-    return tuple(
-        facet.plane.patch(piece, friction)
-        for facet in facets_of(mesh)
-        for piece in facet.pieces(1e-3)
-    )
+    return tuple(patch for facet in facets_of(mesh) for patch in facet.patches(1e-3, friction))
 
 
 @pytest.fixture
