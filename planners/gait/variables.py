@@ -235,13 +235,12 @@ class GaitLayout:
         )  # arrays' powers are others
         start, start_speed, stop, stop_speed = weights.T / half**order
         middle, speed = entries.swings[index, :3], entries.swings[index, 3:]
-        up, down = np.flatnonzero(piece == 0), np.flatnonzero(piece != 0)
-        triplets.add(swings[up], entries.stances[index[up]], start[up])
-        triplets.add(swings[up], middle[up], stop[up])
-        triplets.add(swings[up], speed[up], (half * stop_speed)[up])
-        triplets.add(swings[down], middle[down], start[down])
-        triplets.add(swings[down], speed[down], (half * start_speed)[down])
-        triplets.add(swings[down], entries.stances[index[down] + 1], stop[down])
+        lift, touch = entries.stances[index], entries.stances[index + 1]
+        rising = (lift, start), (middle, stop), (speed, half * stop_speed)
+        falling = (middle, start), (speed, half * start_speed), (touch, stop)
+        for chosen, parts in ((piece == 0, rising), (piece != 0, falling)):
+            for at, by in parts:
+                triplets.add(swings[chosen], at[chosen], by[chosen])
         return triplets.matrix(len(times), self.size)
 
     def force_rows(self, foot: int, times_s: Array, order: int = 0) -> csr_array:
@@ -407,13 +406,12 @@ def _entry_group(
     """Entries of the decision vector as features, shape (K, width); columns that are NOTHING
     throughout are 0.
     """
-    used = [k for k in range(entries.shape[1]) if np.any(entries[:, k] != NOTHING)]
+    used = np.flatnonzero((entries != NOTHING).any(axis=0)).tolist()
     width = entries.shape[1]
 
     def spread(v: cs.SX, constants: cs.SX) -> cs.SX:
         out = cs.SX.zeros(width)
-        for at, k in enumerate(used):
-            out[k] = v[at]
+        out[used] = v
         return out
 
     return VariableGroup(name, layout.entry_rows(entries[:, used]), len(used), entry_map, spread)

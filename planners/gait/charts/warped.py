@@ -217,15 +217,19 @@ class Shear(Chart):
 
     def torso_bar(self, p_WB: Array) -> Array:
         """p to p̄."""
-        return np.column_stack([p_WB[:, :2], p_WB[:, 2] - self._body.height(p_WB[:, :2])])
+        return _over(self._body, p_WB)
 
     def foot_bar(self, p_WF: Array) -> Array:
         """p_i to p̄_i."""
-        return np.column_stack([p_WF[:, :2], p_WF[:, 2] - self._terrain.height(p_WF[:, :2])])
+        return _over(self._terrain, p_WF)
 
     def force_bar(self, f_W: Array, foot: Array) -> Array:
         """f_i to f̄_i."""
         return np.asarray(np.einsum("kji,kj->ki", self._terrain.frame(foot[:, :2]), f_W))
+
+
+def _over(terrain: HeightField, places: Array) -> Array:
+    return np.column_stack([places[:, :2], places[:, 2] - terrain.height(places[:, :2])])
 
 
 class DecoupledChart(Shear):

@@ -40,9 +40,7 @@ def reach(structure: Structure) -> Constraint:
     margin, feet = structure.settings.reach_margin_m, structure.task.robot.feet
     low = np.array([foot.reach_min_m + margin for foot in feet])
     high = np.array([foot.reach_max_m - margin for foot in feet])
-    count = 0
-    order: list[Rows] = []
-    blocks: list[Block] = []
+    count, blocks = 0, list[Block]()
     for group in structure.feet_at_nodes:
         scatter = 3 * (count + np.arange(len(group.foot)))[:, None] + np.arange(3)
         blocks.append(
@@ -52,8 +50,8 @@ def reach(structure: Structure) -> Constraint:
                 scatter,
             )
         )
-        count, order = count + len(group.foot), [*order, group.foot]
-    foot = np.concatenate(order)
+        count += len(group.foot)
+    foot = np.concatenate([group.foot for group in structure.feet_at_nodes])
     return Constraint("reach", low[foot].ravel(), high[foot].ravel(), tuple(blocks))
 
 
