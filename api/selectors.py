@@ -183,9 +183,9 @@ def fit(
             stopped: all but "heuristic", "quantile", "modes" and both of mixtures.
         workers: processes of "ga", or an executor; the result does not depend on them.
         progress: function called with the number of steps done and the number in all.
-        settings: fields of ``learners.training.fit_settings.FitSettings``: share, clusters,
+        settings: fields of ``learners.training.fitting.FitSettings``: share, clusters,
             threshold, boxes, steps, batch, seed, ... Those that the method does not use are
-            refused. For tries of leaps, fields of ``learners.leaps.training.ScorerSettings``; for
+            refused. For tries of leaps, fields of ``learners.leaps.policy.ScorerSettings``; for
             "surrogate", of ``learners.surrogates.surrogate.SurrogateSettings``.
 
     Returns:

@@ -50,6 +50,8 @@ VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
+_IN_VAIN = 1e3 * ADMITTED
+"""A moment that a projection itself says it leaves, and that needs no verifier to be refused."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,7 +129,6 @@ class SelectionTask:
         self._projections = tuple(settings.projections)
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
         self._terms = weighted(settings.weights, RewardWeights, named=True)[1]
-        self._unmeasured = margin_info(None) | margin_info(None, "expert_")
         self._nothing: dict[str, Any] = {
             "label": 0,
             "p1_feasible": 0,
@@ -139,7 +140,8 @@ class SelectionTask:
             "chosen": 0,
             **dict.fromkeys(self._keys.values(), 0),
             **self._terms.nothing,
-            **self._unmeasured,
+            **margin_info(None),
+            **margin_info(None, "expert_"),
             "expert_point": None,
             "expert_lower_bound": 0.0,
             "p1_seconds": 0.0,
@@ -268,7 +270,7 @@ class SelectionTask:
             postures = {
                 way: plan_of(scene.problem, scene.scaled, scene.scaled.numbers, at)
                 for way, at in points.items()
-                if np.isfinite(at.residual)
+                if at.residual < _IN_VAIN
             }
         judged = Judged(
             scene=scene,
@@ -295,7 +297,7 @@ class SelectionTask:
         terms = self._terms.of(judged)
         clock = self._timing
         info = {
-            "label": int(scene.feasible),
+            **self.before(scene),
             "p1_feasible": int(answer.feasible),
             "p1_right": int(judged.right),
             "is_success": int(judged.right and (judged.reached or not scene.feasible)),
@@ -305,12 +307,9 @@ class SelectionTask:
             "chosen": int(answer.chosen),
             **{self._keys[way]: int(way in judged.postures) for way in self._projections},
             **terms,
-            **self._margins_of(scene, judged.posture),
-            "expert_point": scene.point.copy(),
-            "expert_lower_bound": float(scene.lower_bound),
+            **(margin_info(judged.posture) if self._margins else {}),
             "p1_seconds": p1_seconds if clock else 0.0,
             "p2_seconds": p2_seconds if clock else 0.0,
-            "expert_seconds": scene.expert_seconds if clock else 0.0,
         }
         return _Verdict(
             reward=float(sum(terms.values())), info=info, posture=judged.posture, envelope=envelope
@@ -329,10 +328,6 @@ class SelectionTask:
             "expert_lower_bound": float(scene.lower_bound),
             "expert_seconds": scene.expert_seconds if self._timing else 0.0,
         }
-
-    def _margins_of(self, scene: LabelledScene, posture: Plan | None) -> dict[str, float]:
-        """The margins of a posture that was found and of the expert's, where they are asked for."""
-        return margin_info(posture) | scene.margins if self._margins else self._unmeasured
 
 
 def scene_space(count: int) -> spaces.Dict:

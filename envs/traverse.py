@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium import spaces
 
-from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.answer import Answer, Effort, Status
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import check_argument, settings_from
 from stancekit.planners.equilibrium.programs import Programs
@@ -558,8 +558,8 @@ class TraverseEnv(TaskEnv[Problem]):
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
         coming = range(self._frame + 1, self._frame + 1 + self._horizon)
         modes, outcome, clock = course.modes or (), tried.outcome, float(self._timing)
-        solves = 0 if outcome is None else outcome.effort.solves
-        seconds = 0.0 if outcome is None else clock * outcome.effort.seconds
+        effort = Effort() if outcome is None else outcome.effort
+        solves, seconds = effort.solves, clock * effort.seconds
         return {
             "feasible": int(tried.plan is not None),
             "infeasible": int(tried.infeasible),
@@ -580,7 +580,7 @@ class TraverseEnv(TaskEnv[Problem]):
             "reward_failure": -weights.failure * (tried.failed),
             "reward_effort": -weights.solve * solves - weights.second * seconds,
             "plan_seconds": seconds,
-            "compile_seconds": 0.0 if outcome is None else clock * outcome.effort.compile_s,
+            "compile_seconds": clock * effort.compile_s,
             **margin_info(tried.plan if self._margins else None),
         }
 

@@ -17,6 +17,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.arguments import check_argument, settings_from
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array, archive_of, read_archive
 from stancekit.planners.files.documents import typed
@@ -41,7 +42,7 @@ NOISES = (0.0, 0.01, 0.02)
 FORMAT = "stancekit/walk-pool/1"
 _LARGEST = 1e6
 _MOST_WALKS = 100_000
-_Action = tuple[int, int, int]
+_Action = tuple[int, ...]
 """Indices of a chart, a homotopy and a noise."""
 
 
@@ -89,6 +90,34 @@ class _Outcome(NamedTuple):
         )
 
 
+class _Solver:
+    """Solves walks as actions say; what is written down for one serves it again, and the kernels of
+    all walks that are alike are kept.
+    """
+
+    def __init__(self, charts: tuple[str, ...], settings: GaitSettings) -> None:
+        self._charts, self._settings, self._programs = charts, settings, Programs()
+        self._bench: Workbench | None = None
+
+    def bench(self, walk: Walk) -> Workbench:
+        """Workbench of a walk, that of the last one where it is the same."""
+        if self._bench is None or self._bench.task is not walk:
+            self._bench = Workbench(walk, self._settings, kept=self._programs)
+        return self._bench
+
+    def solve(self, walk: Walk, action: _Action, seed: int) -> tuple[Attempted | None, _Outcome]:
+        """Result of an attempt, None where the terrain has no map, and its outcome."""
+        chart, heights, noise = action
+        attempt = Attempt(
+            chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed
+        )
+        try:
+            found = self.bench(walk).run(attempt)
+        except PlanningFailed:
+            found = None
+        return found, _Outcome.of(found, self._settings.max_iterations * len(attempt.heights))
+
+
 class _WalkPool:
     """Pool of walks, and the outcomes of attempts at them.
 
@@ -119,7 +148,7 @@ class _WalkPool:
         self._table = np.full(
             (size, len(charts), len(HEIGHTS), len(NOISES), len(_Outcome._fields)), np.nan
         )
-        self._bench: Workbench | None = None
+        self._solver = _Solver(charts, settings)
 
     def __len__(self) -> int:
         return self.size
@@ -139,7 +168,7 @@ class _WalkPool:
         """Outcome of an attempt at a walk; solved, unless it was before."""
         row = self._table[(index, *action)]
         if np.isnan(row[0]):
-            row[:] = self._solved(index, action)
+            row[:] = self._solver.solve(self.walk(index), action, index)[1]
         return _Outcome(*row.tolist())
 
     def solve(self, progress: Callable[[int, int], None] = lambda done, total: None) -> None:
@@ -151,7 +180,7 @@ class _WalkPool:
         total = int(np.prod(self._table.shape[:-1]))
         for index in range(self.size):
             for action in product(*map(range, self._table.shape[1:4])):
-                self.outcome(index, (action[0], action[1], action[2]))
+                self.outcome(index, action)
                 progress(self.solved, total)
 
     def write(self, path: str | Path) -> None:
@@ -185,18 +214,6 @@ class _WalkPool:
         pool._table = np.array(table, dtype=np.float64)
         return pool
 
-    def _solved(self, index: int, action: _Action) -> _Outcome:
-        walk = self.walk(index)
-        if self._bench is None or self._bench.task is not walk:
-            self._bench = Workbench(walk, self.settings)
-        chart, heights, noise = action
-        attempt = Attempt(
-            chart=self.charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=index
-        )
-        return _Outcome.of(
-            _attempted(self._bench, attempt), self.settings.max_iterations * len(attempt.heights)
-        )
-
     def _header(self) -> dict[str, Any]:
         """Origin of the outcomes, JSON-ready."""
         tasks = self.tasks
@@ -228,14 +245,6 @@ class _WalkPool:
         }
         known: dict[str, Any] = json.loads(json.dumps(content))
         return known
-
-
-def _attempted(bench: Workbench, attempt: Attempt) -> Attempted | None:
-    """Result of an attempt; None where the terrain has no map."""
-    try:
-        return bench.run(attempt)
-    except PlanningFailed:
-        return None
 
 
 _PLACES: NDArray[np.float64] = np.stack(
@@ -400,14 +409,14 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         robot = settings.robot or anymal()
         walker = walker_from(robot)
         self._tasks: Tasks = settings.tasks or SampledTasks(terrain=terrain, robot=walker)
-        self._charts, self._settings = charts, settings.optimiser
+        self._settings = settings.optimiser
+        self._solver = _Solver(charts, self._settings)
         self._weights, self._terms = weighted(settings.weights, GaitRewardWeights)
         self._timing = bool(settings.timing)
         tasks = self._tasks
         like = tasks if isinstance(tasks, SampledTasks) else tasks(np.random.default_rng(0))
         self.observation_space = _task_space(len(like.robot.feet))
         self.action_space = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
-        self._bench: Workbench | None = None
         self._found: Attempted | None = None
         self.pool = _pool_of(settings.pool, self._tasks, charts, self._settings)
         self._walk = 0
@@ -420,7 +429,7 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         self._found = None
         if self.pool is None:
             walk = self._tasks(self.np_random)
-            self._workbench(walk)
+            self._solver.bench(walk)
         else:
             self._walk = int(self.np_random.integers(len(self.pool)))
             walk = self.pool.walk(self._walk)
@@ -428,16 +437,12 @@ class WarpedGaitEnv(TaskEnv[Walk]):
 
     def _act(self, episode: Walk, action: NDArray[np.int64]) -> Step:
         """Solve as chosen and verify; the episode ends."""
-        chart, heights, noise = checked_action(action, self.action_space).tolist()
+        chosen = tuple(checked_action(action, self.action_space).tolist())
         if self.pool is None:
             seed = int(self.np_random.integers(2**31))
-            attempt = Attempt(
-                chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed
-            )
-            self._found = _attempted(self._workbench(episode), attempt)
-            came_to = _Outcome.of(self._found, self._settings.max_iterations * len(attempt.heights))
+            self._found, came_to = self._solver.solve(episode, chosen, seed)
         else:
-            came_to = self.pool.outcome(self._walk, (chart, heights, noise))
+            came_to = self.pool.outcome(self._walk, chosen)
         info = self._info(came_to)
         motion = None if self._found is None else self._found.trajectory
         reward = sum(value for name, value in info.items() if name.startswith("reward_"))
@@ -458,15 +463,9 @@ class WarpedGaitEnv(TaskEnv[Walk]):
 
         if self._found is not None:
             return draw_motion(self._found.trajectory, self._found.report)
-        program = self._workbench(episode).program("decoupled")
+        program = self._solver.bench(episode).program("decoupled")
         guess = program.solve(max_iterations=0).trajectory()
         return draw_motion(guess, caption="before the step: the guess")
-
-    def _workbench(self, task: Walk) -> Workbench:
-        """Workbench of a walk: what is written down for one serves it again."""
-        if self._bench is None or self._bench.task is not task:
-            self._bench = Workbench(task, self._settings)
-        return self._bench
 
     def _observe(self, episode: Walk) -> dict[str, NDArray[np.float32]]:
         """The observation of a walk; of one of a pool it is worked out once."""

@@ -321,12 +321,12 @@ def each_gait_is_written_once(
 
     write = attempt.formulate
 
-    def once(task: Any, settings: Any, flattened: Any) -> Any:
+    def once(task: Any, settings: Any, flattened: Any, programs: Any) -> Any:
         if not CHARTS.get(settings.chart).scales:
-            return write(task, settings, flattened)
+            return write(task, settings, flattened, programs)
         asked = str(joblib.hash((task, settings)))
         if asked not in written_gaits:
-            written_gaits[asked] = write(task, settings, flattened)
+            written_gaits[asked] = write(task, settings, flattened, programs)
         return written_gaits[asked]
 
     monkeypatch.setattr(attempt, "formulate", once)

@@ -4,7 +4,7 @@ found.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, TypedDict
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from ..answer.trajectory import STEP_S, Trajectory
 from ..arguments import cached_property
+from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..problem.walk import Walk
@@ -37,7 +38,7 @@ from .constraints.dynamics import (
 from .constraints.feet import SHARE, footing, reach, slope_about, swing
 from .method.guess import GuessedWalk, perturbed, terrain_following
 from .transcription.program import Callback, Ipopt, Program
-from .transcription.taylor import Constraint
+from .transcription.taylor import Constraint, Kernels
 from .variables import Structure, sampled
 from .walk_table import GaitSettings
 
@@ -62,24 +63,27 @@ class GaitProgram:
 
     Arguments:
         structure: chart, variables and features; nlp: values and derivatives of its terms; guess:
-            the terrain-following initial guess, shape (size,). ``formulate`` makes one.
+            the terrain-following initial guess, shape (size,); size: number of variables.
+            ``formulate`` makes one.
+        kernels: as of ``Program``.
     """
 
     def __init__(
-        self, task: Walk, settings: GaitSettings, structure: Structure, terms: Sequence[Constraint]
+        self,
+        task: Walk,
+        settings: GaitSettings,
+        structure: Structure,
+        terms: Sequence[Constraint],
+        kernels: Kernels | None = None,
     ) -> None:
         self.task, self.settings, self.structure = task, settings, structure
+        self.size = structure.layout.size
         self.nlp = Program(
-            structure.layout.size, terms, [acceleration(structure)], force_rate(structure)
+            structure.layout.size, terms, [acceleration(structure)], force_rate(structure), kernels
         )
         self._ipopt = Ipopt(
             self.nlp, exact=settings.hessian == "exact", tolerance=settings.tolerance
         )
-
-    @property
-    def size(self) -> int:
-        """Number of variables."""
-        return self.structure.layout.size
 
     @cached_property
     def guess(self) -> Array:
@@ -92,13 +96,15 @@ class GaitProgram:
         """
         return perturbed(self.guess, rng, self.structure, size)
 
-    def violations(self, x: Array) -> Mapping[str, float]:
-        """The largest violation of each term at a decision vector, shape (size,)."""
-        return self._violations(x, np.concatenate([x, np.zeros(3), [1.0]]))
+    def violations(self, x: Array, parameters: Array | None = None) -> Mapping[str, float]:
+        """The largest violation of each term at a decision vector, shape (size,).
 
-    def _violations(self, x: Array, parameters: Array) -> Mapping[str, float]:
+        Arguments:
+            parameters: of ``Program``, shape (size + 4,); None for the terrain as it is.
+        """
+        given = np.concatenate([x, np.zeros(3), [1.0]]) if parameters is None else parameters
         return self.nlp.violations(
-            np.asarray(self.nlp.constraint(x, parameters), dtype=np.float64).ravel()
+            np.asarray(self.nlp.constraint(x, given), dtype=np.float64).ravel()
         )
 
     def build(self, *, costs: Costs = _CLOSE, max_iterations: int | None = None, **_: Any) -> None:
@@ -170,7 +176,7 @@ class GaitProgram:
             iterations=result.iterations,
             history=result.history,
             x=read_only(result.x, (self.size,), "x"),
-            violations=self._violations(result.x, parameters),
+            violations=self.violations(result.x, parameters),
             status=result.status,
             seconds=result.seconds,
             seconds_evaluating=result.seconds_evaluating,
@@ -273,7 +279,7 @@ def terms(structure: Structure) -> list[Constraint]:
         cone(structure),
         footing(structure),
         reach(structure),
-        *swing(structure),
+        swing(structure),
         trunk(structure),
         still_start(structure),
         *start(structure),
@@ -290,6 +296,7 @@ def formulate(
     task: Walk,
     settings: GaitSettings | None = None,
     warp: SplineMap | Callable[[], SplineMap] | None = None,
+    programs: Programs | None = None,
 ) -> GaitProgram:
     """Write a task down as a program (W1 in the ambient chart, W7 in a warped one).
 
@@ -298,6 +305,7 @@ def formulate(
     Arguments:
         warp: the terrain's map for charts that need it, or what gives it; made by
             ``warp.conformal.flatten`` if missing.
+        programs: keep the kernels of programs that differ in their numbers alone.
 
     Raises:
         InvalidInput: for settings that do not fit the task and for a map of another terrain, and
@@ -314,7 +322,13 @@ def formulate(
         task.terrain, smoothing_m=settings.smoothing_m, flattened=flattened
     )
     structure = Structure(task, settings, chart)
-    return GaitProgram(task, settings, structure, terms(structure))
+    kernels = None if programs is None else programs.get(_kernels, structure.kind)
+    return GaitProgram(task, settings, structure, terms(structure), kernels)
+
+
+def _kernels(kind: Hashable) -> Kernels:
+    """None yet."""
+    return {}
 
 
 def sure(task: Walk, settings: GaitSettings) -> GaitSettings:

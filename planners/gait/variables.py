@@ -7,7 +7,7 @@ that flattens the terrain has no height: z̄ = 0 is not a constraint there, it i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
@@ -137,7 +137,9 @@ class _FootEntries:
 
 
 class GaitLayout:
-    """Places in the decision vector c (W1, W7), and sparse rows of the splines in it."""
+    """Places in the decision vector c (W1, W7), of ``size`` entries, and sparse rows of the splines
+    in it.
+    """
 
     def __init__(
         self,
@@ -150,14 +152,9 @@ class GaitLayout:
         optimised: bool,
     ) -> None:
         self.duration_s, self.torso_knot_s, self.flat = duration_s, torso_knot_s, flat
-        self._size = 0
+        self.size = 0
         self.torso = self._take((_uniform_size(duration_s, torso_knot_s), 6))
         self.feet = tuple(self._foot(one, force_knot_s, optimised) for one in phases)
-
-    @property
-    def size(self) -> int:
-        """Number of variables."""
-        return self._size
 
     def timed(self, x: Array) -> GaitLayout:
         """Layout of the same places with the switching times that a decision vector holds, where
@@ -177,13 +174,12 @@ class GaitLayout:
         """When each coefficient of the torso's spline acts most, shape (coefficients,) [s]; the
         first and the last outside of [0, duration].
         """
-        coefficients = np.arange(_uniform_size(self.duration_s, self.torso_knot_s))
-        return np.asarray(self.torso_knot_s * (coefficients - 1.0))
+        return np.asarray(self.torso_knot_s * (np.arange(len(self.torso)) - 1.0))
 
     def _take(self, shape: tuple[int, ...]) -> Index:
         count = int(np.prod(shape))
-        self._size += count
-        return np.arange(self._size - count, self._size).reshape(shape)
+        self.size += count
+        return np.arange(self.size - count, self.size).reshape(shape)
 
     def _foot(self, phases: FootPhases, force_knot_s: float, optimised: bool) -> _FootEntries:
         count = phases.swings + 1
@@ -239,13 +235,12 @@ class GaitLayout:
         )  # arrays' powers are others
         start, start_speed, stop, stop_speed = weights.T / half**order
         middle, speed = entries.swings[index, :3], entries.swings[index, 3:]
-        up, down = np.flatnonzero(piece == 0), np.flatnonzero(piece != 0)
-        triplets.add(swings[up], entries.stances[index[up]], start[up])
-        triplets.add(swings[up], middle[up], stop[up])
-        triplets.add(swings[up], speed[up], (half * stop_speed)[up])
-        triplets.add(swings[down], middle[down], start[down])
-        triplets.add(swings[down], speed[down], (half * start_speed)[down])
-        triplets.add(swings[down], entries.stances[index[down] + 1], stop[down])
+        lift, touch = entries.stances[index], entries.stances[index + 1]
+        rising = (lift, start), (middle, stop), (speed, half * stop_speed)
+        falling = (middle, start), (speed, half * start_speed), (touch, stop)
+        for chosen, parts in ((piece == 0, rising), (piece != 0, falling)):
+            for at, by in parts:
+                triplets.add(swings[chosen], at[chosen], by[chosen])
         return triplets.matrix(len(times), self.size)
 
     def force_rows(self, foot: int, times_s: Array, order: int = 0) -> csr_array:
@@ -411,13 +406,12 @@ def _entry_group(
     """Entries of the decision vector as features, shape (K, width); columns that are NOTHING
     throughout are 0.
     """
-    used = [k for k in range(entries.shape[1]) if np.any(entries[:, k] != NOTHING)]
+    used = np.flatnonzero((entries != NOTHING).any(axis=0)).tolist()
     width = entries.shape[1]
 
     def spread(v: cs.SX, constants: cs.SX) -> cs.SX:
         out = cs.SX.zeros(width)
-        for at, k in enumerate(used):
-            out[k] = v[at]
+        out[used] = v
         return out
 
     return VariableGroup(name, layout.entry_rows(entries[:, used]), len(used), entry_map, spread)
@@ -533,7 +527,12 @@ def _swinging(own: cs.SX, time: cs.SX, begin: cs.SX, end: cs.SX) -> cs.SX:
 
 
 class Structure:
-    """The shape of one program: settings applied to a task, before any term is written."""
+    """The shape of one program: settings applied to a task, before any term is written.
+
+    Arguments:
+        nodes: number of nodes, those at 0 and T included.
+        feet: number of feet, E.
+    """
 
     def __init__(self, task: Walk, settings: GaitSettings, chart: Chart) -> None:
         self.task, self.settings, self.chart = task, settings, chart
@@ -543,6 +542,7 @@ class Structure:
                 f"step_s: expected a share of the duration of {task.duration_s:g} s, got "
                 f"{settings.step_s:g} s"
             )
+        self.nodes, self.feet = steps + 1, len(task.robot.feet)
         self.mean_s = settings.step_s if settings.mean_forces else 0.0
         self.times_s: Array = np.asarray(settings.step_s * np.arange(steps + 1), dtype=np.float64)
         self.layout = GaitLayout(
@@ -555,14 +555,19 @@ class Structure:
         )
 
     @property
-    def nodes(self) -> int:
-        """Number of nodes, those at 0 and T included."""
-        return len(self.times_s)
-
-    @property
-    def feet(self) -> int:
-        """Number of feet, E."""
-        return len(self.task.robot.feet)
+    def kind(self) -> Hashable:
+        """Equal for programs whose kernels are: they differ in terrain, start, goal and headings."""
+        task = self.task
+        held = task.robot, task.friction, task.adhesive, task.suction_n
+        return (
+            self.chart.kind,
+            self.settings,
+            held,
+            task.duration_s,
+            task.gait,
+            task.cycle_s,
+            task.timings,
+        )
 
     @cached_property
     def torso(self) -> VariableGroup:

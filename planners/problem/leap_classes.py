@@ -20,7 +20,7 @@ from ..files.documents import YAML, read_yaml, shown, validated
 from ..robot.model import LegLimits, Limb, Robot
 from ..robot.walker import leaping_robot, no_motors
 from ..terrain.families import SCENE, Terrain, family_terrain
-from ..terrain.patch import Patch
+from ..terrain.patch import Patch, flat_patches
 from ..terrain.polygon import VOID_M
 from .candidates import CandidatePatches
 from .contact import Foothold
@@ -125,8 +125,8 @@ class LeapClass(BaseModel):
                 if phase == 0 and self.given:
                     footholds.append(_standing(limb.name, nominal, self.stands))
                     continue
-                patches = [self._patch(nominal, rng) for _ in range(self.candidates)]
-                footholds.append(Foothold(limb=limb.name, frame=phase, candidates=tuple(patches)))
+                patches = tuple(self._patches(nominal, rng))
+                footholds.append(Foothold(limb=limb.name, frame=phase, candidates=patches))
         return self._leap(name, robot, footholds, start, goal)
 
     def _toe(self, limb: Limb, down_m: float) -> Array:
@@ -197,26 +197,22 @@ class LeapClass(BaseModel):
             limits=LeapLimits(**self.limits),
         )
 
-    def _patch(self, nominal: Array, rng: np.random.Generator) -> Patch:
-        """Draw a triangle near a nominal place."""
-        spread = np.array([self.spread_m, self.spread_m, self.drop_m])
-        centre = nominal + rng.uniform(-spread, spread)
-        steep, azimuth = np.deg2rad(rng.uniform(0.0, self.steep_deg)), rng.uniform(0.0, 2.0 * np.pi)
-        normal = np.array(
-            [np.sin(steep) * np.cos(azimuth), np.sin(steep) * np.sin(azimuth), np.cos(steep)]
-        )
+    def _patches(self, nominal: Array, rng: np.random.Generator) -> list[Patch]:
+        """Draw triangles near a nominal place."""
+        spread, turn = (self.spread_m, self.spread_m, self.drop_m), (0.0, 2.0 * np.pi)
+        ends = [*((-most, most) for most in spread), (0.0, self.steep_deg), turn, turn]
+        low, high = np.array([*ends, self.radius_m, self.friction]).T
+        drawn = rng.uniform(low, high, (self.candidates, 8))
+        steep, (azimuth, first, radius, friction) = np.deg2rad(drawn[:, 3]), drawn.T[4:]
+        along = np.sin(steep) * np.array([np.cos(azimuth), np.sin(azimuth)])
+        normal = np.vstack([along, np.cos(steep)]).T
         across = np.cross(normal, [0.0, 1.0, 0.0])
-        across /= np.linalg.norm(across)
+        across /= np.sqrt(np.vecdot(across, across))[:, None]
         beside = np.cross(normal, across)
-        angles = rng.uniform(0.0, 2.0 * np.pi) + np.arange(3) * 2.0 * np.pi / 3.0
-        radius = rng.uniform(*self.radius_m)
-        border = np.cos(angles)[:, None] * across + np.sin(angles)[:, None] * beside
-        return Patch(
-            vertices_m=centre + radius * border,
-            normal=normal,
-            shear_reference=across,
-            friction=float(rng.uniform(*self.friction)),
-        )
+        angles = (first[:, None] + np.arange(3) * 2.0 * np.pi / 3.0)[..., None]
+        border = np.cos(angles) * across[:, None] + np.sin(angles) * beside[:, None]
+        places = (nominal + drawn[:, :3])[:, None] + radius[:, None, None] * border
+        return flat_patches(places, normal, across, friction.tolist())
 
 
 def leap_class(name: str) -> LeapClass:

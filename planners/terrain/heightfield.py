@@ -106,7 +106,7 @@ class CubicBasis:
         """The first of the four functions that live at x, shape (N,), and their derivatives
         0…orders, shape (N, 4).
         """
-        interval = np.clip(np.searchsorted(self.knots, x, side="right") - 1, 3, self.size - 1) - 3
+        interval = np.searchsorted(self.knots[4 : self.size], x, side="right")
         u = (x - self.knots[interval + 3])[:, None]
         c = [np.take(piece, interval, axis=0) for piece in self._pieces]
         values = [c[0] + u * (c[1] + u * (c[2] + u * c[3]))]

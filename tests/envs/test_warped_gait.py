@@ -43,13 +43,17 @@ def made(**settings):
     return WarpedGaitEnv(**{"tasks": on_plain, "charts": ("decoupled", "ambient"), **settings})
 
 
+def tried(env, *action, seed=0):
+    """The step of a first episode."""
+    env.reset(seed=seed)
+    return env.step(np.array(action))
+
+
 @pytest.fixture(scope="module")
 def stepped():
     """One step on the plain: environment, observation, reward and info."""
     env = made()
-    env.reset(seed=4)
-    observation, reward, terminated, truncated, info = env.step(np.array([0, 0, 0]))
-    return env, observation, reward, terminated, truncated, info
+    return env, *tried(env, 0, 0, 0, seed=4)
 
 
 # -----------------------------------------------------------------------------------------------------
@@ -115,8 +119,7 @@ def test_reward_terms_add_up_and_time_counts_only_where_it_is_asked_for():
         timing=True,
         weights=GaitRewardWeights(verified=2.0, feasible=0.5, iterations=1.0, seconds=0.1),
     )
-    env.reset(seed=0)
-    _, reward, _, _, info = env.step(np.array([0, 0, 0]))
+    _, reward, _, _, info = tried(env, 0, 0, 0)
     assert reward == pytest.approx(
         sum(value for name, value in info.items() if name.startswith("reward_"))
     )
@@ -126,32 +129,21 @@ def test_reward_terms_add_up_and_time_counts_only_where_it_is_asked_for():
 
 
 def test_a_solve_that_fails_is_worth_less_than_nothing():
-    env = made(settings=GaitSettings(max_iterations=1))
-    env.reset(seed=0)
-    _, reward, _, _, info = env.step(np.array([0, 0, 2]))
-    assert (info["verified"], info["feasible"]) == (0, 0)
-    assert reward == -0.25
+    _, reward, _, _, info = tried(made(settings=GaitSettings(max_iterations=1)), 0, 0, 2)
+    assert (reward, info["verified"], info["feasible"]) == (-0.25, 0, 0)
     assert info["violation"] > 1e-4
 
 
 def test_homotopy_solves_one_height_after_another():
-    env = made()
-    env.reset(seed=0)
-    plain = env.step(np.array([1, 0, 0]))[4]
-    env.reset(seed=0)
-    stages = env.step(np.array([1, 2, 0]))[4]
+    plain, stages = (tried(made(), 1, heights, 0)[4] for heights in (0, 2))
     assert (plain["feasible"], stages["feasible"]) == (1, 1)
     assert stages["iterations"] > plain["iterations"]
 
 
 def test_a_noisy_guess_hangs_on_the_seed_of_the_episode():
     env = made(settings=GaitSettings(max_iterations=1))
-
-    def violation(seed):
-        env.reset(seed=seed)
-        return env.step(np.array([0, 0, 2]))[4]["violation"]
-
-    assert violation(1) == violation(1) != violation(2)
+    first, again, other = (tried(env, 0, 0, 2, seed=seed)[4]["violation"] for seed in (1, 1, 2))
+    assert first == again != other
 
 
 # --------------------------------------------------------------------------------------------- what

@@ -9,7 +9,7 @@ at the true normal.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Self
 
 import casadi as cs
@@ -50,6 +50,14 @@ class Chart(ABC):
 
     def __init__(self, terrain: HeightField) -> None:
         self._terrain = terrain
+
+    @property
+    def kind(self) -> Hashable:
+        """Equal for charts that differ in their maps' numbers alone; of one of your own, which may
+        know its terrain otherwise, the chart itself.
+        """
+        maps = [one and one.kind for one in (self.torso_map, self.foot_map)]
+        return (type(self), *maps) if type(self).__module__ == __name__ else self
 
     @classmethod
     def of(
@@ -209,15 +217,19 @@ class Shear(Chart):
 
     def torso_bar(self, p_WB: Array) -> Array:
         """p to p̄."""
-        return np.column_stack([p_WB[:, :2], p_WB[:, 2] - self._body.height(p_WB[:, :2])])
+        return _over(self._body, p_WB)
 
     def foot_bar(self, p_WF: Array) -> Array:
         """p_i to p̄_i."""
-        return np.column_stack([p_WF[:, :2], p_WF[:, 2] - self._terrain.height(p_WF[:, :2])])
+        return _over(self._terrain, p_WF)
 
     def force_bar(self, f_W: Array, foot: Array) -> Array:
         """f_i to f̄_i."""
         return np.asarray(np.einsum("kji,kj->ki", self._terrain.frame(foot[:, :2]), f_W))
+
+
+def _over(terrain: HeightField, places: Array) -> Array:
+    return np.column_stack([places[:, :2], places[:, 2] - terrain.height(places[:, :2])])
 
 
 class DecoupledChart(Shear):

@@ -31,7 +31,7 @@ from ..transcription.taylor import (
     VariableGroup,
 )
 from ..variables import NOTHING, Index, Structure
-from .feet import above
+from .feet import above, known_alone
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,7 +77,7 @@ def torque(structure: Structure, loads: LegLoads) -> Constraint | None:
         chosen, rows = group.find(loads.foot, loads.node)
         if not (group.pushes and len(rows)):
             continue
-        known = VariableGroup("leg loads", no_variables, 0, None, _constants, numbers[rows])
+        known = VariableGroup("leg loads", no_variables, 0, None, known_alone, numbers[rows])
         selections = (
             group.selection(chosen),
             structure.torso_at(group.node[chosen]),
@@ -100,10 +100,6 @@ def given(chart: Chart) -> Kernel:
         return known[0] - cs.dot(lever, r.T @ chart.force(foot[3:], foot[:3], at_foot))
 
     return kernel
-
-
-def _constants(v: cs.SX, constants: cs.SX) -> cs.SX:
-    return constants
 
 
 _UP = (0.0, 0.0, 1.0)

@@ -40,9 +40,7 @@ def reach(structure: Structure) -> Constraint:
     margin, feet = structure.settings.reach_margin_m, structure.task.robot.feet
     low = np.array([foot.reach_min_m + margin for foot in feet])
     high = np.array([foot.reach_max_m - margin for foot in feet])
-    count = 0
-    order: list[Rows] = []
-    blocks: list[Block] = []
+    count, blocks = 0, list[Block]()
     for group in structure.feet_at_nodes:
         scatter = 3 * (count + np.arange(len(group.foot)))[:, None] + np.arange(3)
         blocks.append(
@@ -52,8 +50,8 @@ def reach(structure: Structure) -> Constraint:
                 scatter,
             )
         )
-        count, order = count + len(group.foot), [*order, group.foot]
-    foot = np.concatenate(order)
+        count += len(group.foot)
+    foot = np.concatenate([group.foot for group in structure.feet_at_nodes])
     return Constraint("reach", low[foot].ravel(), high[foot].ravel(), tuple(blocks))
 
 
@@ -68,20 +66,18 @@ def within(chart: Chart) -> Kernel:
     return kernel
 
 
-def swing(structure: Structure) -> tuple[Constraint, ...]:
+def swing(structure: Structure) -> Constraint:
     """Swinging feet on or above the terrain, rows of all swings [m] (W3, W8)."""
-    if structure.chart.flat:
-        return _flat_swing(structure)
-    return (_curved_swing(structure),)
+    return _flat_swing(structure) if structure.chart.flat else _curved_swing(structure)
 
 
-def _flat_swing(structure: Structure) -> tuple[Constraint, ...]:
+def _flat_swing(structure: Structure) -> Constraint:
     """W8: z̄_m ≥ clearance and 3 z̄_m ± v̄_z T/2 ≥ 0 for each swing."""
     variables, count = swings(structure)
     rows = np.arange(count)
     block = Block(_half_way, ((variables, rows),), 3 * rows[:, None] + np.arange(3))
     lower = np.tile([structure.settings.clearance_m, 0.0, 0.0], count)
-    return (Constraint("swing", lower, np.full(3 * count, np.inf), (block,)),)
+    return Constraint("swing", lower, np.full(3 * count, np.inf), (block,))
 
 
 def _half_way(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
@@ -217,7 +213,7 @@ def apart(structure: Structure, overlaps: Overlaps, room_m: float) -> Constraint
             if not len(columns):
                 continue
             known = VariableGroup(
-                "overlaps", no_variables, 0, None, _constants, numbers[rows[columns]]
+                "overlaps", no_variables, 0, None, known_alone, numbers[rows[columns]]
             )
             selections = (
                 one.selection(first[columns]),
@@ -259,7 +255,8 @@ def gap(chart: Chart) -> Kernel:
     return kernel
 
 
-def _constants(v: cs.SX, constants: cs.SX) -> cs.SX:
+def known_alone(v: cs.SX, constants: cs.SX) -> cs.SX:
+    """The feature of what has constants and no variables."""
     return constants
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...answer.report import Report
 from ...answer.trajectory import STEP_S, Trajectory
+from ...equilibrium.programs import Programs
 from ...files.arrays import Array
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
@@ -109,12 +110,20 @@ class Workbench:
 
     One thread at a time may use it. A copy (deepcopy, pickle) has the map, and writes its own
     programs.
+
+    Arguments:
+        kept: as of ``formulate``.
     """
 
     def __init__(
-        self, task: Walk, settings: GaitSettings | None = None, warp: SplineMap | None = None
+        self,
+        task: Walk,
+        settings: GaitSettings | None = None,
+        warp: SplineMap | None = None,
+        kept: Programs | None = None,
     ) -> None:
         self.task, self.settings, self.warp = task, sure(task, settings or GaitSettings()), warp
+        self._kept = kept
         self._programs: dict[str, GaitProgram] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -127,7 +136,7 @@ class Workbench:
         """
         if chart not in self._programs:
             self._programs[chart] = formulate(
-                self.task, replace(self.settings, chart=chart), self._flattened
+                self.task, replace(self.settings, chart=chart), self._flattened, self._kept
             )
         return self._programs[chart]
 

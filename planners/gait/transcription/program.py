@@ -15,7 +15,7 @@ from scipy.sparse import csr_array, vstack
 
 from ...arguments import cached_property
 from ...files.arrays import Array
-from .taylor import Block, Compiled, Constraint, TaylorBank, blocks_of, matrix, scattered
+from .taylor import Block, Compiled, Constraint, Kernels, TaylorBank, blocks_of, matrix, scattered
 
 
 class Program:
@@ -24,15 +24,27 @@ class Program:
     Parameters of all functions, p: the reference x₁ (size), the weights of the objective's parts
     (3) and the factor on the heights of the terrain. Objective: ½ w₀ ‖x − x₁‖² + ½ w₁ Σ costs + ½
     w₂ ‖rates x‖².
+
+    Arguments:
+        kernels: what programs that differ from it in their numbers alone have written.
+        rows: number of constraints.
+        errors: what was raised where the functions were evaluated; CasADi does not pass it on.
     """
 
     def __init__(
-        self, size: int, constraints: Sequence[Constraint], costs: Sequence[Block], rates: csr_array
+        self,
+        size: int,
+        constraints: Sequence[Constraint],
+        costs: Sequence[Block],
+        rates: csr_array,
+        kernels: Kernels | None = None,
     ) -> None:
         self.size, self.constraints = size, tuple(constraints)
         self.lower = np.concatenate([one.lower for one in constraints])
         self.upper = np.concatenate([one.upper for one in constraints])
-        self._blocks = [Compiled(block) for block in blocks_of(constraints)]
+        self._kernels = kernels
+        self.rows = len(self.lower)
+        self._blocks = [Compiled(block, kernels) for block in blocks_of(constraints)]
         self._costs_of, self._rates = tuple(costs), rates
         linear = [
             one.linear if one.linear is not None else csr_array((one.rows, size))
@@ -44,6 +56,7 @@ class Program:
             self._p, [0, size, size + 3, size + 4]
         )
         self._bank = TaylorBank(self._x, self._factor)
+        self.errors = self._bank.errors
         self._scatters = [
             matrix(scattered(compiled.block.scatter, self.rows)) for compiled in self._blocks
         ]
@@ -51,17 +64,7 @@ class Program:
 
     @cached_property
     def _costs(self) -> list[Compiled]:
-        return [Compiled(block) for block in self._costs_of]
-
-    @property
-    def rows(self) -> int:
-        """Number of constraints."""
-        return len(self.lower)
-
-    @property
-    def errors(self) -> list[BaseException]:
-        """Errors that were raised where the functions were evaluated; CasADi does not pass them on."""
-        return self._bank.errors
+        return [Compiled(block, self._kernels) for block in self._costs_of]
 
     # ------------------------------------------------------------------------------------------ the
     # constraints
@@ -75,7 +78,9 @@ class Program:
     def _constraint(self) -> cs.MX:
         total = self._linear @ self._x
         for compiled, scatter in zip(self._blocks, self._scatters, strict=True):
-            value = compiled.value.map(compiled.block.count)(*compiled.at(self._x, self._bank, 0))
+            value = compiled.kernel(0).map(compiled.block.count)(
+                *compiled.at(self._x, self._bank, 0)
+            )
             total += scatter @ cs.densify(cs.vec(value))
         return total
 
@@ -92,15 +97,15 @@ class Program:
 
     def _slopes(self, compiled: Compiled) -> cs.MX:
         """Derivatives of all outputs of a block in x, shape (K · outputs, size)."""
-        slopes = compiled.jacobian.map(compiled.block.count)(*compiled.at(self._x, self._bank, 1))
-        return _diagonal(compiled.jacobian, slopes, compiled.block.count) @ compiled.gather
+        kernel, count = compiled.kernel(1), compiled.block.count
+        slopes = kernel.map(count)(*compiled.at(self._x, self._bank, 1))
+        return _diagonal(kernel, slopes, count) @ compiled.gather
 
     def _curvature(self, compiled: Compiled, multipliers: cs.MX) -> cs.MX:
         """Hessian of multipliers · outputs, multipliers of shape (outputs, K)."""
-        arguments = compiled.at(self._x, self._bank, 2)
-        curvature = compiled.hessian.map(compiled.block.count)(*arguments, multipliers)
-        diagonal = _diagonal(compiled.hessian, curvature, compiled.block.count)
-        return compiled.gather.T @ (diagonal @ compiled.gather)
+        kernel, count = compiled.kernel(2), compiled.block.count
+        curvature = kernel.map(count)(*compiled.at(self._x, self._bank, 2), multipliers)
+        return compiled.gather.T @ (_diagonal(kernel, curvature, count) @ compiled.gather)
 
     # --------------------------------------------------------------------------------------------
     # the objective
@@ -113,7 +118,7 @@ class Program:
         total = 0.5 * self._weights[0] * cs.sumsqr(self._x - self._reference)
         if costs:
             for compiled in self._costs:
-                value = compiled.value.map(compiled.block.count)(
+                value = compiled.kernel(0).map(compiled.block.count)(
                     *compiled.at(self._x, self._bank, 0)
                 )
                 total += 0.5 * self._weights[1] * cs.sum2(value)
@@ -145,9 +150,7 @@ class Program:
     def hessian(self, costs: bool) -> cs.Function:
         """(x, p, λ_f, λ_g) → upper triangle of the Lagrangian's Hessian, sparse."""
         sigma = cs.MX.sym("lam_f")
-        total = sigma * self._weights[0] * cs.MX(cs.DM.eye(self.size))
-        for part in self._curvatures:
-            total += part
+        total = sum(self._curvatures, sigma * self._weights[0] * cs.MX(cs.DM.eye(self.size)))
         if costs:
             for compiled in self._costs:
                 total += self._curvature(
@@ -182,12 +185,11 @@ class Program:
 
     def violations(self, values: Array) -> dict[str, float]:
         """The largest violation of each named group of constraints."""
-        excess, first = self.excess(values), 0
+        ends = np.cumsum([one.rows for one in self.constraints])
         largest: dict[str, float] = {}
-        for one in self.constraints:
-            worst = float(excess[first : first + one.rows].max(initial=0.0))
+        for one, excess in zip(self.constraints, np.split(self.excess(values), ends), strict=False):
+            worst = float(excess.max(initial=0.0))
             largest[one.name] = max(largest.get(one.name, 0.0), worst)
-            first += one.rows
         return largest
 
 

@@ -9,10 +9,10 @@ Jacobian are exact with jets of order 1, 2 and 3.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Hashable, MutableMapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import combinations_with_replacement
+from itertools import accumulate, combinations_with_replacement
 from math import factorial, prod
 from typing import TYPE_CHECKING, Any
 
@@ -48,12 +48,15 @@ class TaylorMap:
         knots: along each axis, shape (n_k + 4,).
         homogeneous: whether the map is a height that may be multiplied by the program's height
             factor.
+        kind: of the map; equal for maps that have the same polynomials but for the jets.
     """
 
     def __init__(self, control: Array, knots: Sequence[Array], *, homogeneous: bool) -> None:
         self.homogeneous = homogeneous
         self.outputs, self.inputs = control.shape[0], len(knots)
+        self.kind: Hashable = self.outputs, self.inputs
         self._control = np.ascontiguousarray(control)
+        self._near = np.ravel_multi_index(np.indices((4,) * self.inputs), control.shape[1:])
         self._bases = [CubicBasis(line) for line in knots]
         self._polynomials: dict[int, cs.Function] = {}
 
@@ -75,11 +78,9 @@ class TaylorMap:
             ),
             strict=True,
         )
-        shape = self._control.shape[1:]
-        steps = np.ravel_multi_index(np.indices((4,) * self.inputs), shape)
-        flat = np.ravel_multi_index(first, shape)[:, None] + steps.ravel()
+        flat = np.ravel_multi_index(first, self._control.shape[1:])[:, None] + self._near.ravel()
         near = self._control.reshape(self.outputs, -1)[:, flat]
-        parts: dict[tuple[int, ...], Array] = {(): near.reshape(*near.shape[:2], *steps.shape)}
+        parts: dict[tuple[int, ...], Array] = {(): near.reshape(*near.shape[:2], *self._near.shape)}
         for axis in reversed(range(self.inputs)):  # along the last axis first
             for power in powers(self.inputs - axis, order):
                 rest = parts[power[1:]]
@@ -119,6 +120,7 @@ class SnappedMap(TaylorMap):
         super().__init__(*warp.spline, homogeneous=False)
         self._snap = None if warp.snap is None else TaylorMap.of_heights(warp.snap)
         self._fade_m = warp.fade_m
+        self.kind = self._snap is None, self._fade_m
 
     def size(self, order: int) -> int:
         """Length of both jets."""
@@ -272,7 +274,7 @@ class VariableGroup:
                 if self.place is None
                 else self.place(feature, points[0] if points else None)
             )
-            jet = jets[self.jets(order) - self.map.size(order) :]
+            jet = jets[-self.map.size(order) :]
             points.append(_expansion(self.map, point[: self.map.inputs], order, jet))
         return points
 
@@ -295,12 +297,14 @@ class Block:
         scatter: shape (K, outputs), the row of each output.
         order: how many derivatives of a selection's map the kernel's value needs (1: the map and
             its Jacobian).
+        name: its own among the blocks of a program.
     """
 
     kernel: Kernel
     selections: tuple[Selection, ...]
     scatter: Rows
     order: int = 1
+    name: str = ""
 
     @property
     def count(self) -> int:
@@ -330,13 +334,21 @@ class Constraint:
         return len(self.lower)
 
 
+Kernels = MutableMapping[tuple[str, int], cs.Function]
+"""Kernels of programs that differ in their numbers alone, by the block's name and how many
+derivatives."""
+
+
 class Compiled:
     """A block as CasADi functions: value, Jacobian and Hessian of the kernel, and the gathering
     matrix.
+
+    Arguments:
+        kernels: where those of programs like this one are, and its own are put; None for none.
     """
 
-    def __init__(self, block: Block) -> None:
-        self.block = block
+    def __init__(self, block: Block, kernels: Kernels | None) -> None:
+        self.block, self._kernels = block, {} if kernels is None else kernels
         self.groups = [variables for variables, _ in block.selections]
         self.gather = matrix(_gathered(block))
         self.width = sum(variables.width for variables in self.groups)
@@ -345,27 +357,20 @@ class Compiled:
             for variables, columns in block.selections
             if variables.fixed
         ]
-        self.constants: Array = (
-            np.concatenate(fixed, axis=1) if fixed else np.zeros((block.count, 0))
-        )
+        constants = np.concatenate([np.zeros((block.count, 0)), *fixed], axis=1)
+        self.constants = cs.MX(cs.DM(constants.T))
 
-    @cached_property
-    def value(self) -> cs.Function:
-        """(v, constants, jets) → outputs."""
-        return self._function(0)
+    def kernel(self, derivatives: int) -> cs.Function:
+        """(v, constants, jets) → outputs; → ∂ outputs / ∂v, sparse; and (v, constants, jets,
+        multipliers) → Hessian of multipliers · outputs, sparse.
+        """
+        key = self.block.name, derivatives
+        if key not in self._kernels:
+            self._kernels[key] = self._written(derivatives)
+        return self._kernels[key]
 
-    @cached_property
-    def jacobian(self) -> cs.Function:
-        """(v, constants, jets) → ∂ outputs / ∂v, sparse."""
-        return self._function(1)
-
-    @cached_property
-    def hessian(self) -> cs.Function:
-        """(v, constants, jets, multipliers) → Hessian of multipliers · outputs, sparse."""
-        return self._function(2)
-
-    def _function(self, derivatives: int) -> cs.Function:
-        v, c = cs.SX.sym("v", self.width), cs.SX.sym("c", self.constants.shape[1])
+    def _written(self, derivatives: int) -> cs.Function:
+        v, c = cs.SX.sym("v", self.width), cs.SX.sym("c", self.constants.shape[0])
         order = self.block.order + derivatives
         jets = cs.SX.sym("j", sum(variables.jets(order) for variables in self.groups))
         output, expansions = self._evaluated(v, c, jets, order)
@@ -387,29 +392,20 @@ class Compiled:
         features: list[cs.SX] = []
         shown: list[ExpansionPoint | None] = []
         every: list[ExpansionPoint] = []
-        at = constant = jet = 0
-        for variables in self.groups:
-            features.append(
-                variables.features(
-                    v[at : at + variables.width], c[constant : constant + variables.fixed]
-                )
-            )
-            expansions = variables.expansions(
-                features[-1], order, jets[jet : jet + variables.jets(order)]
-            )
-            at, constant, jet = (
-                at + variables.width,
-                constant + variables.fixed,
-                jet + variables.jets(order),
-            )
+        sizes = zip(*((one.width, one.fixed, one.jets(order)) for one in self.groups), strict=True)
+        parts = [
+            cs.vertsplit(whole, [0, *accumulate(each)])
+            for whole, each in zip((v, c, jets), sizes, strict=True)
+        ]
+        for variables, own, constants, jet in zip(self.groups, *parts, strict=True):
+            features.append(variables.features(own, constants))
+            expansions = variables.expansions(features[-1], order, jet)
             shown += expansions or [None]
             every += expansions
         return self.block.kernel(features, shown), every
 
     def at(self, x: cs.MX, bank: TaylorBank, derivatives: int) -> list[cs.MX]:
-        """Arguments of ``value``, ``jacobian`` or ``hessian`` (but its multipliers) at all
-        instances.
-        """
+        """Arguments of the kernel (but multipliers) at all instances."""
         order = self.block.order + derivatives
         v = cs.reshape(self.gather @ x, self.width, self.block.count)
         jets = [
@@ -417,17 +413,7 @@ class Compiled:
             for variables, columns in self.block.selections
             if variables.jets(order)
         ]
-        empty = cs.MX(0, self.block.count)
-        return [
-            v,
-            self._held if self.constants.size else empty,
-            cs.vertcat(*jets) if jets else empty,
-        ]
-
-    @cached_property
-    def _held(self) -> cs.MX:
-        """The constants of all instances, shape (c, K)."""
-        return cs.MX(cs.DM(self.constants.T))
+        return [v, self.constants, cs.vertcat(cs.MX(0, self.block.count), *jets)]
 
 
 class TaylorBank:
@@ -454,12 +440,12 @@ class TaylorBank:
             )
             points = self._mapped(variables, v, constants)
             jets = []
+            first = cs.MX(0, variables.count)
             if variables.inner is not None:
                 jets.append(self._jets(variables.inner, points, order))
-                if variables.place is not None:
-                    points = self._placed(variables, points, self._jets(variables.inner, points, 1))
-            elif variables.place is not None:
-                points = self._placed(variables, points, cs.MX(0, variables.count))
+                first = self._jets(variables.inner, points, 1)
+            if variables.place is not None:
+                points = self._placed(variables, points, first)
             if variables.map is not None:
                 jets.append(self._jets(variables.map, points, order))
             self._found[key] = cs.vertcat(*jets)
@@ -511,25 +497,20 @@ def scattered(rows: Rows, total: int) -> csr_array:
 
 def _gathered(block: Block) -> csr_array:
     """Rows of all arguments, instance by instance, shape (K · width, size)."""
-    parts, order = [], []
-    width = sum(variables.width for variables, _ in block.selections)
-    at = 0
-    for variables, columns in block.selections:
-        local = np.arange(variables.width)
-        parts.append(
-            variables.rows[(variables.width * np.asarray(columns)[:, None] + local).ravel()]
-        )
-        order.append((width * np.arange(block.count)[:, None] + at + local).ravel())
-        at += variables.width
-    stacked = csr_array(vstack(parts))
-    return csr_array(stacked[np.argsort(np.concatenate(order), kind="stable")])
+    every = [variables.rows for variables, _ in block.selections]
+    firsts = accumulate((int(rows.shape[0]) for rows in every), initial=0)
+    index = [
+        first + variables.width * np.asarray(columns)[:, None] + np.arange(variables.width)
+        for first, (variables, columns) in zip(firsts, block.selections, strict=False)
+    ]
+    return csr_array(csr_array(vstack(every))[np.concatenate(index, axis=1).ravel()])
 
 
 def blocks_of(constraints: Sequence[Constraint]) -> list[Block]:
     """All blocks, their scatter counted over all the constraints' rows."""
-    blocks, first = [], 0
-    for constraint in constraints:
-        for block in constraint.blocks:
-            blocks.append(Block(block.kernel, block.selections, block.scatter + first, block.order))
-        first += constraint.rows
-    return blocks
+    firsts = accumulate((constraint.rows for constraint in constraints), initial=0)
+    return [
+        replace(block, scatter=block.scatter + first, name=f"{constraint.name} {k}")
+        for first, constraint in zip(firsts, constraints, strict=False)
+        for k, block in enumerate(constraint.blocks)
+    ]

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
@@ -25,18 +26,22 @@ def field() -> HeightField:
 @pytest.fixture(scope="session")
 def small(field: HeightField) -> Callable[..., GaitProgram]:
     """Programs of a short walk over the waves, by settings."""
+    robot = anymal()
 
     def build(
-        terrain: HeightField = field, timings: str = "fixed", **settings: object
+        terrain: HeightField = field,
+        timings: str = "fixed",
+        programs: Programs | None = None,
+        **settings: object,
     ) -> GaitProgram:
         task = Walk(
-            robot=anymal(),
+            robot=robot,
             terrain=terrain,
             start=np.zeros(2),
             goal=np.array([0.2, 0.1]),
             duration_s=2.0,
             timings=timings,  # type: ignore[arg-type]
         )
-        return formulate(task, GaitSettings(**settings))  # type: ignore[arg-type]
+        return formulate(task, GaitSettings(**settings), programs=programs)  # type: ignore[arg-type]
 
     return build

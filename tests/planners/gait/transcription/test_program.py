@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.gait_program import GaitProgram, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
@@ -230,6 +231,16 @@ def walked(small: Build) -> Walked:
         return program, program.solve()
 
     return get
+
+
+def test_walks_that_are_alike_share_kernels_and_have_the_answers_of_their_own(
+    small: Build, walked: Walked, field: HeightField
+) -> None:
+    kept = Programs()
+    other, shared = small(terrain=field.scaled(0.5), programs=kept), small(programs=kept)
+    other.solve(max_iterations=1)
+    assert np.array_equal(shared.solve().x, walked()[1].x)
+    assert other.structure.kind == shared.structure.kind
 
 
 @pytest.mark.parametrize("chart", ["decoupled", "ambient", "shear"])
