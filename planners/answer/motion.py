@@ -130,8 +130,8 @@ ABSENT: Any = None
 """A column that a motion does not have; its question says which ones it has."""
 LATER = ("modes", "joints_rad", "legs_turn_rad", "gather")
 """The arrays that a motion may be without though its question speaks of them."""
-SPARE = (*LATER, "points_m", "point_forces_n")
-"""Those that one may be without that is held: no plan without points of its soles is accepted."""
+POINTS = ("points_m", "point_forces_n")
+"""Those of soles, which a plan that is held may lack or have for nothing: none such is accepted."""
 PER_FRAME = ("com_m", "rotation_rad", "forces_n", "point_forces_n")
 """Arrays with a row a frame, or a stance; of a posture there is one."""
 
@@ -231,7 +231,8 @@ class Motion(Evidence, Generic[Q]):
     def __post_init__(self) -> None:
         came = {name for name in (*KINDS, "timing", "parts") if getattr(self, name) is not None}
         asked = set(self.problem.columns()) or {"parts"}
-        if odd := (came - asked) | (asked - came - set(SPARE)):
+        odd = (came - asked) | (asked - came - set(LATER))
+        if odd - (set(POINTS) if self.keyed else set()):
             raise InvalidInput(
                 f"{self.word} {self.name}: expected the columns {', '.join(sorted(asked))}; missing "
                 f"or of another question: {', '.join(sorted(odd))}"

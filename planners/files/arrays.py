@@ -45,10 +45,10 @@ def read_archive(path: str | Path, most: int = MOST_BYTES) -> dict[str, NDArray[
 
     Raises InvalidInput.
     """
-    return unpacked(read_bytes(path, most), str(path))
+    return unpacked(read_bytes(path, most), str(path), max(most, _MOST_UNPACKED))
 
 
-def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
+def unpacked(content: bytes, where: str, most: int = _MOST_UNPACKED) -> dict[str, NDArray[Any]]:
     """The arrays of an .npz archive by name, read-only.
 
     Raises InvalidInput for what is damaged, holds anything but arrays of numbers and texts, or
@@ -61,7 +61,7 @@ def unpacked(content: bytes, where: str) -> dict[str, NDArray[Any]]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             entries = archive.infolist()
-            _check_entries(entries, where)
+            _check_entries(entries, where, most)
             return {
                 entry.filename.removesuffix(".npy"): _entry(archive, entry) for entry in entries
             }
@@ -82,7 +82,7 @@ def array_of(content: bytes, where: str) -> NDArray[Any]:
         raise InvalidInput(f"{where}: {_SAID}: {told(error)}") from None
 
 
-def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
+def _check_entries(entries: list[zipfile.ZipInfo], where: str, most: int) -> None:
     """Raise InvalidInput for names that are no arrays' or come twice, and for sizes that cannot
     be.
     """
@@ -90,8 +90,8 @@ def _check_entries(entries: list[zipfile.ZipInfo], where: str) -> None:
     named = len(set(names)) == len(names) and all(name.endswith(".npy") for name in names)
     require(named, f"{where}: {_SAID}: its entries are not NAME.npy, each once")
     require(
-        sum(entry.file_size for entry in entries) <= _MOST_UNPACKED,
-        f"{where}: expected {_MOST_UNPACKED} bytes of arrays or fewer, got more",
+        sum(entry.file_size for entry in entries) <= most,
+        f"{where}: expected {most} bytes of arrays or fewer, got more",
     )
     for entry in entries:
         if entry.file_size > entry.compress_size * (_DEFLATED_MOST if entry.compress_type else 1):

@@ -530,7 +530,6 @@ class Structure:
     """The shape of one program: settings applied to a task, before any term is written.
 
     Arguments:
-        nodes: number of nodes, those at 0 and T included.
         feet: number of feet, E.
     """
 
@@ -542,7 +541,7 @@ class Structure:
                 f"step_s: expected a share of the duration of {task.duration_s:g} s, got "
                 f"{settings.step_s:g} s"
             )
-        self.nodes, self.feet = steps + 1, len(task.robot.feet)
+        self.feet = len(task.robot.feet)
         self.mean_s = settings.step_s if settings.mean_forces else 0.0
         self.times_s: Array = np.asarray(settings.step_s * np.arange(steps + 1), dtype=np.float64)
         self.layout = GaitLayout(
@@ -553,6 +552,11 @@ class Structure:
             flat=chart.flat,
             optimised=task.timings == "optimised",
         )
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes, those at 0 and T included."""
+        return len(self.times_s)
 
     @property
     def kind(self) -> Hashable:

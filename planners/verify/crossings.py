@@ -66,6 +66,8 @@ def check_crossing(crossing: Motion[Way]) -> Report[Motion[Way]]:
 def _defect(crossing: Motion[Way]) -> str:
     """Reason why the parts are not parts of one way; empty where there is none."""
     first = crossing.problem.course
+    if to_json(crossing.parts[0].problem) != to_json(first):
+        return "part 1: expected the course that the way is over, got another"
     terrain, robot, gravity = to_json(first.terrain), to_json(first.robot), first.gravity_m_s2
     for k, part in enumerate(crossing.parts, 1):
         other = differs(first.robot, part.problem.robot)

@@ -277,7 +277,9 @@ class SplineMap:
         jacobian = np.stack(
             [self._on(lines, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))], axis=1
         )
-        if self.snap is not None and np.min(z) < self.fade_m:  # beyond, nothing is left of it
+        if (
+            self.snap is not None and np.min(z, initial=np.inf) < self.fade_m
+        ):  # beyond, nothing is left of it
             extra, slope = self.snap.height_and_gradient(np.moveaxis(point[:2], 0, -1))
             fade, faster = fading(np.asarray(z, dtype=np.float64), self.fade_m)
             point[2] += fade * extra

@@ -406,7 +406,9 @@ class Scenario:
         """Scenario with the picked surface moved by so much, and with another friction."""
         assert self.chosen is not None
         if isinstance(self.given, Problem):
-            return replace(self, given=_with_surface(self.given, self.chosen, by_m, friction))
+            return self._with(
+                self.keys, given=_with_surface(self.given, self.chosen, by_m, friction)
+            )
         polygons = list(self.keys["terrain"]["polygons"])
         polygon = dict(polygons[self.chosen])
         polygon["vertices_m"] = np.round(np.add(polygon["vertices_m"], by_m), 6).tolist()

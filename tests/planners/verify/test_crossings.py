@@ -45,6 +45,15 @@ def test_a_part_over_other_ground_is_refused(climb: Motion) -> None:
     assert_names(report.message, "part 2", "terrain", "part 1")
 
 
+def test_a_course_that_its_first_part_does_not_answer_is_refused(climb: Motion) -> None:
+    """Else its goal would be judged by whoever wrote the course down."""
+    way = crossing("forged", climb).problem
+    wide = replace(way.course, com_radius_m=100.0 * way.course.com_radius_m)
+    report = check_crossing(Motion(problem=replace(way, course=wide), parts=(climb,)))
+    assert not report.accepted
+    assert_names(report.message, "part 1", "course")
+
+
 def test_parts_that_do_not_meet_are_refused(climb: Motion) -> None:
     aside = replace(climb, toes_m=climb.toes_m + np.array([0.0, 1e-3, 0.0]))
     report = check_crossing(crossing("forged", climb, aside))

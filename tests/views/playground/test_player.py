@@ -290,6 +290,15 @@ def test_a_picked_surface_becomes_a_polygon_with_its_own_place_and_friction(tmp_
     assert course_difference(read_again(moved, tmp_path), moved.course()) == ""
 
 
+def test_a_surface_of_a_course_that_is_laid_out_is_dragged_too():
+    laid = Scenario.about(Scenario.of("walls").course())
+    picked = laid.picked(laid.course(), 1)
+    place = picked.course().terrain[1].centre_m + np.array([0.0, 0.1, 0.0])
+    moved = picked.dragged("surface", place).slid("surface", 0.123).course().terrain[1]
+    assert moved.centre_m == pytest.approx(place, abs=1e-6)
+    assert moved.friction == 0.123
+
+
 def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
     scenario = Scenario.of("walls").slid("mass_kg", 20.0)
     light, heavy = quick_answer(Scenario.of("walls")), quick_answer(scenario)
