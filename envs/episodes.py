@@ -1,7 +1,7 @@
 """What all environments do alike: how a step is rewarded, how an episode is begun, gone on with and
 drawn, and what is refused before any work is done.
 
-A reward is a sum of terms by name, each with a weight. A term of one's own is one function and one
+A reward is a sum of terms by name, each with a weight. A user's term is one function and one
 registration: a line in the table, an entry point of ``stancekit.reward_terms``, or
 ``weights={"mine.py:spread": 0.3}`` in any environment. The selection environments hand it a
 ``Judged``, all others a ``Step``.
@@ -136,7 +136,7 @@ def _least_margin(step: Judged | Step, name: str) -> float:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Step:
-    """Arguments of a term of one's own in the environments that do not select: a step, judged.
+    """Arguments of a user's term in the environments that do not select: a step, judged.
 
     Arguments:
         reward: of the environment's own terms.
@@ -145,7 +145,7 @@ class Step:
             verifier accepted it, or as the optimiser left it in WarpedGait; None where there is
             none, as at steps of a pool of walks.
         action: the action, as it came.
-        info: ``info`` of the step, without what terms of one's own come to.
+        info: ``info`` of the step, without what users' terms come to.
         terminated, truncated: whether the step ended the episode, and how.
     """
 
@@ -212,7 +212,7 @@ class Terms:
 
 
 def _guarded(term: Term, name: str, judged: Judged | Step) -> float:
-    """The value of a term of one's own, which a message names where it is no finite number."""
+    """The value of a user's term, which a message names where it is no finite number."""
     with foreign(f"weights.{name}: expected a number, got"):
         value = float(term(judged))
     return checked(value, f"weights.{name}")
@@ -483,7 +483,7 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
         return self._episode
 
     def _try_terms(self, question: Any, info: Mapping[str, Any], terminated: bool = False) -> None:
-        """Ask terms of one's own about a question of which nothing was tried: what they may not bear
+        """Ask users' terms about a question of which nothing was tried: what they may not bear
         is told at once.
         """
         action = np.zeros(self.action_space.shape or (), dtype=np.int64)[()]

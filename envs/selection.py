@@ -155,7 +155,7 @@ class SelectionTask:
         self.action_space = self._make_action_space()
         if len(self._terms.by_key) > len(RewardWeights.__dataclass_fields__):
             scene = copy.copy(self.scenes).draw(np.random.default_rng(0))
-            self.judge(scene, self._widest())  # which a term of one's own may not bear
+            self.judge(scene, self._widest())  # which a user's term may not bear
 
     def _widest(self) -> Any:
         """An action: the first box of a library, or boxes as wide as the domain."""

@@ -37,7 +37,7 @@ STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 _ORDERS = ("random", "rule", "farkas", "finder", "noise")
 """Orders in which a leap's contacts are chosen, see ``planners.leap.tries``."""
 USUAL_TRIES: Mapping[str, int] = MappingProxyType({"random": 8, "finder": 4, "noise": 4})
-"""Tries of a scene where nothing is said: half of them spread over all choices, the others near
+"""Tries of a scene unless given: half of them spread over all choices, the others near
 those that succeed."""
 
 

@@ -162,7 +162,7 @@ def explain_leap(certificate: Certificate) -> Explanation:
 
 
 class _Refused(Exception):
-    """Why a certificate is none."""
+    """Reason why a certificate proves nothing."""
 
 
 def _expect(holds: object, what: str) -> None:

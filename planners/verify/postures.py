@@ -492,7 +492,7 @@ class Worst:
         limbs: NDArray[np.int_] | None = None,
         scale: float = 0.0,
     ) -> None:
-        """Note the worst of R violations in SI; what is 0 or less is none.
+        """Note the worst of R violations in SI; 0 and less violate nothing.
 
         Arguments:
             by: shape (R, …); what is no number is a violation without bound.
