@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -28,6 +29,8 @@ _LIMIT_S = 60.0
 """A contact sequence is completed, or its fault found, by then [s]."""
 _FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
+_HELD_M = 1e-3
+"""Heights hold a mesh whose corners are all so near to them [m]."""
 _TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
@@ -151,9 +154,7 @@ def _check_motion(
         robot_of_scene, _, ground, gravity_m_s2 = scene_of(motion_file.read_motion(str(terrain))[0])
         who = who or robot_of_scene
     else:
-        from stancekit.planners.terrain.reference import named_terrain
-
-        ground = Ground(heights=named_terrain(str(terrain)), friction=_FRICTION)
+        ground = _ground(str(terrain))
     if who is None:
         raise InvalidInput(f"robot: expected who moves in {path}, got none")
     if not isinstance(ground, Ground) and not ground:
@@ -162,6 +163,26 @@ def _check_motion(
     with located(str(path)):
         report = check_motion(table, who, ground, gravity_m_s2=gravity_m_s2)
     return FileCheck(path=str(path), kind="motion", report=report, message=report.message)
+
+
+def _ground(name: str) -> Sequence[Patch] | Ground:
+    """Heights by name or file; of a mesh that no heights hold, as one with steps, holes, or sides
+    that run along no axis, the surfaces.
+    """
+    from stancekit.planners.terrain.footholds import footholds_of
+    from stancekit.planners.terrain.reference import named_terrain
+    from stancekit.planners.terrain.terrain_file import read_terrain
+    from stancekit.planners.terrain.triangle_mesh import TriangleMesh
+
+    mesh = read_terrain(name) if Path(name).is_file() and ".py" not in name else None
+    if not isinstance(mesh, TriangleMesh):
+        return Ground(heights=named_terrain(name), friction=_FRICTION)
+    with suppress(InvalidInput):  # of holes, and of what is too steep for a spline
+        heights = named_terrain(name)
+        off = heights.height(mesh.corners_m[:, :2]) - mesh.corners_m[:, 2]
+        if np.abs(off).max() < _HELD_M:
+            return Ground(heights=heights, friction=_FRICTION)
+    return footholds_of(mesh, friction=_FRICTION, none=True).surfaces
 
 
 def _check_sequence(

@@ -18,7 +18,7 @@ from stancekit.planners.gait.method.budget import Checkpoint as Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import plan_walk
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import Walk as Walk
 from stancekit.planners.terrain.families import Terrain
 

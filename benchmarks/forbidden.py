@@ -23,7 +23,7 @@ from _bench import Options, launch
 from scipy.optimize import linprog
 
 from stancekit.planners.gait.forbidden import forbidden
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal

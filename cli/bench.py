@@ -443,67 +443,6 @@ def _points(value: Share | None) -> str:
     return "–" if value is None else "{:+.1f} [{:+.1f}, {:+.1f}]".format(*value)
 
 
-def judge(walks: Path, folder: Path, *, as_json: bool) -> int:
-    """Judge every walk of a folder, and write against.json where the cells are; exit code 0
-    whatever the verdicts.
-    """
-    from stancekit.learners.evaluation import gait_bench
-    from stancekit.planners.files.writing import make_folder, write_text
-
-    rows = _measured("bench gait", partial(gait_bench.judged, walks), as_json=as_json)
-    rows += gait_bench.ours(rows, folder)
-    make_folder(folder)
-    write_text(folder / "against.json", gait_bench.as_json(rows))
-    if not as_json:
-        wide = out if out.is_terminal else Console(width=180)
-        wide.print(walk_table(rows))
-        wide.print(_program_table(gait_bench.by_program(list(rows))))
-        out.print(f"all figures: {folder / 'against.json'}")
-    return 0
-
-
-def walk_table(rows: list[dict[str, Any]]) -> Table:
-    """A line a walk, and what the verifier says of it."""
-    names = ("walk", "program", "terrain", "verified", "CPU s", "solver s", "verifier")
-    columns = {
-        name: {"justify": "right" if name.endswith(" s") else "left", "overflow": "fold"}
-        for name in names
-    }
-    cells = (
-        (
-            row["walk"],
-            row["program"],
-            row["terrain"],
-            "yes" if row["verified"] else "no",
-            _figure(row["cpu_process_s"]),
-            _figure(row["cpu_solver_s"]),
-            row["message"],
-        )
-        for row in rows
-    )
-    return grid(columns, cells, title="walks")
-
-
-def _program_table(sums: list[dict[str, Any]]) -> Table:
-    """A line a program."""
-    names = {
-        "walks": "walks",
-        "verified": "verified",
-        "cpu_process_s": "CPU s",
-        "cpu_solver_s": "solver s",
-        "peak_acceleration_g": "peak g",
-        "force_rms": "force rms m·g",
-        "friction_needed": "friction needed",
-        "outside_cone": "outside cone",
-    }
-    return grid(
-        {"program": {}, **{name: {"justify": "right"} for name in names.values()}},
-        ((one["program"], *(_figure(one[name]) for name in names)) for one in sums),
-        title="programs",
-        caption="medians of the walks that are verified",
-    )
-
-
 _WIDEST = 200
 """Width of tables where standard output is no terminal."""
 
@@ -539,9 +478,6 @@ class BenchGait:
     out: OptionalPath = None
     """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is
     none."""
-    against: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
-    """Walks of other programs, NAME.yaml with NAME.csv or NAME.npz (docs/formats.md): measure
-    nothing, judge these by the same check, beside the cells that --out has of the same tasks."""
     tables_only: Annotated[bool, tyro.conf.arg(name="kept")] = False
     """Measure nothing: the tables of what the folder has."""
     json: bool = False
@@ -549,11 +485,8 @@ class BenchGait:
 
     def run(self) -> int:
         """Measure what is missing, and print the tables."""
-        from stancekit.planners.files.arrays import checked_int
-
-        if self.against is not None:
-            return judge(self.against, self.out or Path("out/bench-gait"), as_json=self.json)
         from stancekit.learners.evaluation import gait_bench
+        from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.writing import make_folder, write_text
 
         settings = self._settings()

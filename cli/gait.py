@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
     from stancekit.planners.gait.method.budget import Checkpoint
     from stancekit.planners.gait.method.portfolio import Attempts, Caps
-    from stancekit.planners.gait.walk_table import GaitSettings
+    from stancekit.planners.gait.settings import GaitSettings
 
 
 _SETTINGS = (

@@ -24,7 +24,7 @@ from stancekit.planners.files.documents import typed
 from stancekit.planners.files.writing import first_difference, write_bytes
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import anymal, walker_from
@@ -34,6 +34,9 @@ from .episodes import Finite, Step, TaskEnv, boxes, checked_action, weighted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from stancekit.planners.answer.report import Report
+    from stancekit.planners.answer.trajectory import Trajectory
 
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 """Homotopies to choose from: factors on the terrain's heights."""
@@ -417,7 +420,7 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         like = tasks if isinstance(tasks, SampledTasks) else tasks(np.random.default_rng(0))
         self.observation_space = _task_space(len(like.robot.feet))
         self.action_space = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
-        self._found: Attempted | None = None
+        self._found: tuple[Trajectory, Report[Trajectory]] | None = None
         self.pool = _pool_of(settings.pool, self._tasks, charts, self._settings)
         self._walk = 0
         self._seen: dict[int, dict[str, NDArray[np.float32]]] = {}
@@ -440,11 +443,12 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         chosen = tuple(checked_action(action, self.action_space).tolist())
         if self.pool is None:
             seed = int(self.np_random.integers(2**31))
-            self._found, came_to = self._solver.solve(episode, chosen, seed)
+            found, came_to = self._solver.solve(episode, chosen, seed)
+            self._found = None if found is None else (found.trajectory, found.report)
         else:
             came_to = self.pool.outcome(self._walk, chosen)
         info = self._info(came_to)
-        motion = None if self._found is None else self._found.trajectory
+        motion = None if self._found is None else self._found[0]
         reward = sum(value for name, value in info.items() if name.startswith("reward_"))
         return Step(
             reward=reward,
@@ -462,7 +466,7 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         from stancekit.views.gaits import draw_motion
 
         if self._found is not None:
-            return draw_motion(self._found.trajectory, self._found.report)
+            return draw_motion(*self._found)
         program = self._solver.bench(episode).program("decoupled")
         guess = program.solve(max_iterations=0).trajectory()
         return draw_motion(guess, caption="before the step: the guess")

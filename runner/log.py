@@ -33,11 +33,9 @@ from stancekit.planners.files.writing import check_writable
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.kinematics import Kinematics
 
+from .control.foot_placement import touch_n
 from .control.tracker import Target
 from .worlds.world import State
-
-TOUCH_N = 1.5
-"""A foot that feels more than this touches."""
 
 
 @dataclass
@@ -72,6 +70,7 @@ class Trace:
         angles_rad, torques_nm, planned_torques_nm: shape (T, J).
         foothold: what every limb should stand on, −1 in the air, shape (T, N).
         bump_n: terrain on anything but feet, shape (T,).
+        touch_n: force above which a foot touches.
     """
 
     time_s: Array
@@ -89,6 +88,7 @@ class Trace:
     planned_torques_nm: Array
     foothold: Array
     bump_n: Array
+    touch_n: float
 
     @classmethod
     def of(cls, record: Record, kinematics: Kinematics) -> Trace:
@@ -117,6 +117,7 @@ class Trace:
             planned_torques_nm=np.array([target.torques_nm for target, _ in pairs]),
             foothold=np.array([p.foothold for p in samples]),
             bump_n=np.array([s.bump_n for s in states]),
+            touch_n=touch_n(kinematics.weight_n),
         )
 
     def sample(self, row: int, planned: Samples) -> Samples:
@@ -166,7 +167,7 @@ class Trace:
         """Tell which footholds' feet touched while it should stand; true of those that never
         should, shape (P,).
         """
-        touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
+        touches = np.linalg.norm(self.forces_n, axis=-1) > self.touch_n
         return np.array(
             [
                 not len(rows) or bool(touches[rows, limbs].any())
@@ -178,7 +179,7 @@ class Trace:
         """Yield for each foothold the rows and the limbs of the samples in which its foot should
         stand there, and the position in these of the first one that touches; 0 if none does.
         """
-        touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
+        touches = np.linalg.norm(self.forces_n, axis=-1) > self.touch_n
         for foothold in range(footholds):
             rows, limbs = np.nonzero(self.foothold == foothold)
             yield rows, limbs, int(np.argmax(touches[rows, limbs])) if len(rows) else 0

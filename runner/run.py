@@ -228,8 +228,7 @@ class Runner:
         source = body_from(self.world, self.settings)
         kinematics, rate_hz = tracked.tracker.kinematics, self.world.rate_hz
         odometry = LegOdometry(kinematics, tracked.first, rate_hz, felt=tracked.sees)
-        weight_n = kinematics.robot.mass_kg * kinematics.gravity_m_s2
-        silent = SilentFeet(rate_hz, weight_n, kinematics.robot.limb_names)
+        silent = SilentFeet(rate_hz, kinematics.weight_n, kinematics.robot.limb_names)
         seen = self.state if source == "the world" else None
         felt, total = (
             tracked.first.sample.forces_n,

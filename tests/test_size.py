@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1353, 16627),
-    "cli": (3209, 38988),
+    "api": (1369, 16782),
+    "cli": (3184, 38579),
     "configs": (3, 30),
-    "envs": (3082, 42560),
-    "learners": (5259, 77682),
-    "planners": (34989, 577582),
-    "runner": (6499, 89402),
-    "views": (4302, 68799),
+    "envs": (3085, 42591),
+    "learners": (5218, 76884),
+    "planners": (34880, 575807),
+    "runner": (6514, 89617),
+    "views": (4302, 68800),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

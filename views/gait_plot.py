@@ -20,7 +20,8 @@ from matplotlib.ticker import NullFormatter
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import shown
-from stancekit.runner.log import TOPICS, TOUCH_N, Recorded, table
+from stancekit.runner.control.foot_placement import TOUCH_N
+from stancekit.runner.log import TOPICS, Recorded, table
 
 from .sheet import (
     ACCENT,

@@ -23,7 +23,6 @@ from stancekit.planners.motion.joints import walk_joints
 from stancekit.planners.motion.motion import Played, Samples
 from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
-from stancekit.runner.log import TOUCH_N
 from stancekit.runner.motion.time_parametrization import streamed
 from stancekit.runner.report import Execution
 
@@ -518,7 +517,7 @@ def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
         rotation=trace.rotation,
         feet_m=trace.feet_m - radii[:, None] * UP,
         forces_n=trace.forces_n,
-        contact=np.linalg.norm(trace.forces_n, axis=2) > TOUCH_N,
+        contact=np.linalg.norm(trace.forces_n, axis=2) > trace.touch_n,
     )
 
 

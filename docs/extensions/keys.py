@@ -107,11 +107,6 @@ SECTIONS = (
         ("runner.worlds.ros.setup:RosSetup",),
     ),
     Section(
-        "Walks of other programs",
-        "YAML for `stancekit bench gait --against`; see [formats](../formats.md).",
-        ("planners.gait.walk_table:WalkKeys",),
-    ),
-    Section(
         "Posture problems",
         "`stancekit/posture/1`, JSON; see [formats](../formats.md).",
         values=("planners.problem.posture:PostureKeys",),

@@ -1,6 +1,6 @@
 """Gait optimisation over height fields, after Pan et al. §III, §IV-C and §IV-D, whose method goes
 back to TOWR.
 
-Read ``walk_table``, ``variables``, ``charts``, ``constraints``, ``gait_program``, then ``method``
+Read ``settings``, ``variables``, ``charts``, ``constraints``, ``gait_program``, then ``method``
 (the search for a walk); ``forbidden`` proves that there is none.
 """

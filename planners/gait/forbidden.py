@@ -26,7 +26,7 @@ from ..files.arrays import Array
 from ..physics import GRAVITY_M_S2
 from ..problem.walk import Walk
 from ..terrain.heightfield import HeightField
-from .walk_table import GaitSettings
+from .settings import GaitSettings
 
 _FRICTION_ROOM = 0.02
 """Friction is taken to be this much more than it is: nothing is forbidden that the verifier

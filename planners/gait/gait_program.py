@@ -37,10 +37,10 @@ from .constraints.dynamics import (
 )
 from .constraints.feet import SHARE, footing, reach, slope_about, swing
 from .method.guess import GuessedWalk, perturbed, terrain_following
+from .settings import GaitSettings
 from .transcription.program import Callback, Ipopt, Program
 from .transcription.taylor import Constraint, Kernels
 from .variables import Structure, sampled
-from .walk_table import GaitSettings
 
 Costs = tuple[float, float, float]
 """Weights of the objective ½ w₀ ‖x − x₁‖² + ½ w₁ ∫ acceleration² + ½ w₂ ∫ force rate²

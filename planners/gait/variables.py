@@ -24,8 +24,8 @@ from ..files.arrays import Array
 from ..problem.walk import FootPhases, Walk
 from ..terrain.heightfield import CubicBasis, cubics, rows_of
 from .charts.warped import Chart, Pushforward
+from .settings import GaitSettings
 from .transcription.taylor import Features, Rows, Selection, TaylorMap, VariableGroup, identity
-from .walk_table import GaitSettings
 
 _DEGREE = 3
 

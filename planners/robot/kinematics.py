@@ -59,6 +59,7 @@ class Kinematics:
     ) -> None:
         self.near_rad = None if near_rad is None else np.array(near_rad, dtype=float)
         self.robot, self.servo, self.gravity_m_s2 = robot, servo or robot.servo, gravity_m_s2
+        self.weight_n = robot.mass_kg * gravity_m_s2
         self.model = robot.legs_with(self.servo)
         self._pin = pin = pinocchio()
         legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]

@@ -106,6 +106,10 @@ _NO_LIMIT_RAD_S = 10.0
 """Speed in place of the limit of a joint that has none."""
 
 
+_ROLLS_RAD = 1.5
+"""Shins turn by no more than this while their feet stand."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class _MotionLimits:
     """Tolerances for a motion; forces in units of the weight, moments of weight times stand height.
@@ -121,7 +125,8 @@ class _MotionLimits:
         cone, swing_force: of the table's forces, outside of cones, and on feet that do not stand.
         bodies_m: of a link in another or in the terrain.
         rates: of joints, from what they turn between rows, as a share of their limit.
-        com_m, feet_m: from where joints and body put them; feet are led, and roll.
+        com_m, feet_m: from where joints and body put them; feet are led, and roll, large ones by
+            ``_ROLLS_RAD`` times their radius.
         com_velocity, turning: of the body, from how it moves between rows [m/s], [rad/s].
         effort: mean over ``_WINDOW_S`` of torques, from those that loads and forces make, as a
             share of the limit.
@@ -168,6 +173,8 @@ def check_motion(
             known, no pinocchio.
     """
     kinematics = Kinematics(robot, gravity_m_s2=gravity_m_s2)
+    rolled_m = _ROLLS_RAD * float(kinematics.radii_m.max())
+    limits = replace(limits, feet_m=max(limits.feet_m, rolled_m))
     measured = _Measured(_unrounded(_ordered(table, kinematics)), kinematics, terrain, limits)
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
     places = [array for name, array in table.arrays().items() if name in _PLACES]
@@ -287,9 +294,8 @@ class _Measured:
         if "angles_rad" not in self.known:
             raise InvalidInput("motion: expected angles of the joints, got none")
         self.angles: Array = self.known["angles_rad"]
-        robot, model = kinematics.robot, kinematics.model
-        self.weight_n = robot.mass_kg * kinematics.gravity_m_s2
-        self.height_m = model.stand_height_m
+        self.weight_n = kinematics.weight_n
+        self.height_m = kinematics.model.stand_height_m
         self.missing = dict[str, str]()
         needs = NEEDS if "com_m" in self.known else {**NEEDS, "com_velocity": _PLACED}
         for name, columns in needs.items():
@@ -649,8 +655,11 @@ def nearest(
     if isinstance(terrain, Ground):
         place, normal = _nearest_on(terrain.heights, centres_m, radii_m)
         height = terrain.heights.height(centres_m[:, :2])
+        low, high = np.transpose(terrain.heights.domain_m)
+        place[:, :2] = place[:, :2].clip(low, high)  # beyond its border there is no ground
         far = np.linalg.norm(centres_m - place, axis=1)
-        gap = np.where(centres_m[:, 2] < height, -far, far) - radii_m
+        inside = terrain.heights.contains(centres_m[:, :2])
+        gap = np.where(inside & (centres_m[:, 2] < height), -far, far) - radii_m
         return gap, normal, np.full(len(centres_m), terrain.friction)
     best, side = np.full(len(centres_m), np.inf), np.zeros(len(centres_m))
     normals, friction = np.tile([0.0, 0.0, 1.0], (len(centres_m), 1)), np.ones(len(centres_m))

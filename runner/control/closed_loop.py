@@ -449,8 +449,10 @@ class ClosedLoop:
 
     def _watch(self) -> None:
         """Look anew, as nothing is known of feet that begin to stand."""
-        rate_hz, limbs = self.runner.world.rate_hz, len(self._planning.course.robot.limbs)
-        self._slips, self._steps = SlipDetector(rate_hz), EmptyStep(rate_hz, limbs)
+        rate_hz, course = self.runner.world.rate_hz, self._planning.course
+        limbs = len(course.robot.limbs)
+        self._slips = SlipDetector(rate_hz)
+        self._steps = EmptyStep(rate_hz, limbs, course.weight_n)
         self._slid, self._fell = False, np.zeros(limbs, dtype=bool)
         self._begun_m: float | None = None
 

@@ -38,8 +38,9 @@ from stancekit.planners.search.pieces import Standing
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
 
-from ..log import TOUCH_N, Record
+from ..log import Record
 from ..worlds.world import State
+from .foot_placement import TOUCH_N, touch_n
 from .tracker import Target
 
 _BEARS = 4.0
@@ -58,8 +59,8 @@ give way."""
 class EmptyStep:
     """Detector of feet that came down on nothing, from the measurements of every control period."""
 
-    def __init__(self, rate_hz: float, limbs: int) -> None:
-        self._periods = max(1, round(_EMPTY_S * rate_hz))
+    def __init__(self, rate_hz: float, limbs: int, weight_n: float = np.inf) -> None:
+        self._periods, self._touch_n = max(1, round(_EMPTY_S * rate_hz)), touch_n(weight_n)
         self._foothold: NDArray[np.int_] | None = None
         self._bore = self._empty = np.zeros(limbs, dtype=int)
 
@@ -76,8 +77,8 @@ class EmptyStep:
             )
             self._foothold = foothold
         same = foothold == self._foothold
-        felt = np.einsum("ij,ij->i", state.forces_n, sample.normals) >= TOUCH_N
-        wanted = np.einsum("ij,ij->i", sample.forces_n, sample.normals) >= _BEARS * TOUCH_N
+        felt = np.einsum("ij,ij->i", state.forces_n, sample.normals) >= self._touch_n
+        wanted = np.einsum("ij,ij->i", sample.forces_n, sample.normals) >= _BEARS * self._touch_n
         self._bore = np.where(same, self._bore, 0) + felt
         self._empty = np.where(same & ~felt & wanted, self._empty + 1, 0)
         self._foothold = foothold
@@ -191,7 +192,7 @@ def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinemati
     for foot, force, radius, patch in zip(
         state.feet_m, state.forces_n, kinematics.radii_m, patches, strict=True
     ):
-        if force @ patch.normal < TOUCH_N:
+        if force @ patch.normal < touch_n(kinematics.weight_n):
             continue
         offset = float((foot - radius * patch.normal - patch.centre_m) @ patch.normal)
         same = [k for k, plane in enumerate(planes) if coplanar(patch, plane)]
@@ -238,7 +239,8 @@ class LegOdometry:
         """
         feet, stood = self._kinematics.feet(state.angles_rad), target.sample.foothold
         if self._felt:
-            stood = np.where(np.linalg.norm(state.forces_n, axis=1) > TOUCH_N, stood, -1)
+            touches = np.linalg.norm(state.forces_n, axis=1) > touch_n(self._kinematics.weight_n)
+            stood = np.where(touches, stood, -1)
         held, (origin, rotation) = (
             (stood >= 0) & (stood == self._before),
             (self.origin_m, self.rotation),
@@ -397,6 +399,7 @@ class SilentFeet:
     def __init__(self, rate_hz: float, weight_n: float, names: Sequence[str]) -> None:
         self._periods, self._names = SILENT_S * rate_hz, names
         self._presses_n = min(_PRESSES * TOUCH_N, _OF_WEIGHT * weight_n)
+        self._touch_n = touch_n(weight_n)
         self._silent = np.zeros(len(names))
 
     def found(
@@ -412,7 +415,7 @@ class SilentFeet:
         sample = target.sample
         wanted_n, felt_n = sample.along_n, np.vecdot(state.forces_n, sample.normals)
         presses = sample.stands & (wanted_n >= self._presses_n) & np.logical_not(seeks)
-        self._silent = np.where(felt_n >= TOUCH_N, 0.0, self._silent + presses)
+        self._silent = np.where(felt_n >= self._touch_n, 0.0, self._silent + presses)
         limb = int(self._silent.argmax())
         if self._silent[limb] < self._periods:
             return ""

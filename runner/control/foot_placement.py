@@ -54,6 +54,8 @@ GIVES_M = 0.006
 FADES = 0.9
 """Share that is left after a control period of what a foot that has lifted was lowered, rolled and
 pressed."""
+TOUCH_N, _OF_WEIGHT = 1.5, 0.05
+"""A foot that feels more than this touches, or than this share of a light robot's weight."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,8 +63,8 @@ class ContactFeedback:
     """Settings of what feet that feel do.
 
     Arguments:
-        touch_n: a foot that presses this hard on its patch touches it, harder where sensors are
-            noisy.
+        touch_n: a foot that presses this hard on its patch touches it, less hard of a light robot,
+            harder where sensors are noisy.
         seek_m_s, seek_m: how fast a foot that should touch and does not is lowered, and how far.
         press_hz: rate at which missing internal forces are summed, on steep surfaces only, 0 for
             never.
@@ -77,7 +79,7 @@ class ContactFeedback:
             where they landed first.
     """
 
-    touch_n: float = 1.5
+    touch_n: float = TOUCH_N
     seek_m_s: float = 0.02
     seek_m: float = 0.02
     press_hz: float = 20.0
@@ -91,6 +93,11 @@ class ContactFeedback:
         check_numbers(
             self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"]
         )
+
+
+def touch_n(weight_n: float, most_n: float = TOUCH_N) -> float:
+    """Force above which a foot touches, of a robot of some weight [N]."""
+    return min(most_n, _OF_WEIGHT * weight_n)
 
 
 class FootPlacement:
@@ -180,7 +187,8 @@ class FootPlacement:
     @property
     def _touch_n(self) -> float:
         """A foot that presses so hard touches."""
-        return max(self._feedback.touch_n, _QUIET * sqrt(self._variance))
+        least = touch_n(self._weight, self._feedback.touch_n)
+        return max(least, _QUIET * sqrt(self._variance))
 
     def _listen(self, below_n: Array) -> None:
         """Estimate the noise of the feet by what those in the air feel below zero, shape (K,)."""

@@ -28,7 +28,7 @@ from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
 from .body_feedback import BodyController, BodyFeedback, skew
-from .foot_placement import FADES, ContactFeedback, FootPlacement
+from .foot_placement import FADES, ContactFeedback, FootPlacement, touch_n
 
 SPEED_SHARE = 0.9
 """Share of their greatest velocity that joints in the air are led with."""
@@ -307,7 +307,7 @@ class Tracker:
         model = kinematics.model
         self._drives = drives or Drives.of(model)
         self._rolls = 0.5 * kinematics.radii_m[:, None]
-        self._weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
+        self._weight = kinematics.weight_n
         self._body = BodyController(
             kinematics.robot.mass_kg, model.inertia_kgm2, self._weight, body
         )
@@ -421,7 +421,8 @@ class Tracker:
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
-        feels = stands & (np.vecdot(forces_n, sample.normals) >= self._feedback.touch_n)
+        least = touch_n(self._weight, self._feedback.touch_n)
+        feels = stands & (np.vecdot(forces_n, sample.normals) >= least)
         moving = self._moving(
             sample.arms_m, feels
         )  # a dead sensor asks for no more, and balances nothing

@@ -116,17 +116,25 @@ def simulated_body(
                 _add_rotor(links[joint.find("child").get("link", "")], joint, rotors[name])  # type: ignore[union-attr]
         for inertial in root.findall("link/inertial"):
             _write_principal(inertial)
+    for element in (*root.iter("link"), *root.iter("parent"), *root.iter("child")):
+        for key, name in element.items():
+            element.set(key, _called(name))
     indent(root)  # PyBullet breaks long lines, wherever that is
     return SimulatedBody(
         urdf=ElementTree.tostring(root, encoding="unicode"),
         hulls=hulls,
-        base=base,
+        base=_called(base),
         joints=joints,
         feet=tuple(leg.foot for leg in model.legs),
         tips_m=np.array([_tip(model, leg) for leg in model.legs]),
-        apart=_apart(model, set(links)),
+        apart=tuple((_called(one), _called(other)) for one, other in _apart(model, set(links))),
         missing=missing,
     )
+
+
+def _called(link: str) -> str:
+    """A link as simulators may call it: MuJoCo takes one with the name world for what never moves."""
+    return "world link" if link == "world" else link
 
 
 def _write_joints(root: Element, model: RobotModel) -> None:

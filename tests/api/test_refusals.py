@@ -14,7 +14,7 @@ import pytest
 import stancekit
 import stancekit.envs
 from stancekit.envs.distributions.courses import icy_walls
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.search.methods import SETTINGS
 from stancekit.postures import planner_of

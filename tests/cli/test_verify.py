@@ -342,6 +342,23 @@ def test_a_motion_is_judged_by_the_command(walk_file: Path, stancekit) -> None:
     )
 
 
+DIAMOND = "v -3 0 {z}\nv 0 -3 {z}\nv 3 0 {z}\nv 0 3 {z}\nf 1 2 3 4\n"
+STEP = "v 2 -1 0\nv 2 1 0\nv 2 1 0.1\nv 2 -1 0.1\nv 3 1 0.1\nv 3 -1 0.1\nf 5 8 7 6\nf 8 10 9 7\n"
+
+
+@pytest.mark.parametrize(
+    ("z", "verdict"), [(0.0, "accepted"), (-0.02, "refused"), (0.02, "refused")]
+)
+def test_a_mesh_under_a_motion_may_have_steps_and_sides_along_no_axis(
+    z: float, verdict: str, walk_file: Path, stancekit, tmp_path: Path
+) -> None:
+    ground = tmp_path / "ground.obj"
+    ground.write_text(DIAMOND.format(z=z) + STEP)
+    judged = ("verify", walk_file.with_suffix(".csv"), "--robot", "anymal", "--terrain", ground)
+    (record,) = stancekit(*judged, "--json").records
+    assert record["verdict"] == verdict
+
+
 def test_mujocos_key_frames_are_judged(walk_file: Path, stancekit) -> None:
     assert stancekit("export", walk_file, "--to", "mujoco").code == 0
     frames, options = walk_file.with_suffix(".xml"), ("--terrain", walk_file, "--json")

@@ -4,6 +4,8 @@ verifier say of it.
 
 from __future__ import annotations
 
+import copy
+import pickle
 from dataclasses import replace
 
 import gymnasium
@@ -21,7 +23,7 @@ from stancekit.envs.warped_gait import (
 )
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
@@ -132,6 +134,15 @@ def test_a_solve_that_fails_is_worth_less_than_nothing():
     _, reward, _, _, info = tried(made(settings=GaitSettings(max_iterations=1)), 0, 0, 2)
     assert (reward, info["verified"], info["feasible"]) == (-0.25, 0, 0)
     assert info["violation"] > 1e-4
+
+
+def test_an_environment_is_copied_after_its_step_too():
+    env = made(charts=("warped",), settings=GaitSettings(max_iterations=1))
+    tried(env, 0, 0, 0)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env))]
+    expected = env.reset()
+    for other in copies:
+        assert same(other.reset(), expected)
 
 
 def test_homotopy_solves_one_height_after_another():

@@ -14,7 +14,7 @@ import pytest
 from stancekit import Motion
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import hexapod_walker

@@ -20,7 +20,7 @@ from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.walk import Walk

@@ -286,7 +286,7 @@ def test_planes_are_moved_to_where_feet_that_bear_find_them() -> None:
     feet = np.array([[0.0, 0.0, 0.024], [0.1, 0.0, 0.022], [0.0, 0.0, 0.3]])
     forces = np.array([20.0, 20.0, 0.0])[:, None] * np.array([0.0, 0.0, 1.0])
     state: Any = SimpleNamespace(feet_m=feet, forces_n=forces)
-    kinematics: Any = SimpleNamespace(radii_m=np.full(3, 0.012))
+    kinematics: Any = SimpleNamespace(radii_m=np.full(3, 0.012), weight_n=60.0)
     found = found_offsets(patches, state, kinematics)
     assert found.offsets_m == pytest.approx((0.011,))  # the mean; the third bears nothing
     assert "1 surface found +11 mm from the plan" in found.line

@@ -30,6 +30,7 @@ from stancekit.runner.control.estimation import (
     leg_odometry,
     odometry_error_m,
 )
+from stancekit.runner.control.foot_placement import ContactFeedback, touch_n
 from stancekit.runner.control.tracker import Target, Tracker
 from stancekit.runner.log import Record
 from stancekit.runner.motion.time_parametrization import BLIND, RATE_HZ, expected
@@ -273,3 +274,11 @@ def test_of_a_light_robot_less_is_expected() -> None:
     ]
     assert lines[0] == ""
     assert "expected 5 N" in lines[1]
+
+
+def test_feet_of_a_robot_that_weighs_little_touch_with_less() -> None:
+    feet = SilentFeet(1.0 / PERIOD_S, 1.4, ("LF", "RF"))  # a robot of 0.14 kg
+    record = felt(np.zeros((PERIODS + 1, 2)), (0.0, 0.0), load_n=0.5)
+    assert [feet.found(target, state) for target, state in record.pairs][-1] == ""
+    assert touch_n(1.4) < 0.1
+    assert touch_n(60.0) == ContactFeedback().touch_n

@@ -100,6 +100,13 @@ def test_a_robot_of_a_file_stands_on_its_feet_with_its_weight(
     np.testing.assert_allclose(state.feet_m[:, 2], [leg.radius_m for leg in of.legs], atol=2e-3)
 
 
+def test_a_base_that_is_called_world_falls_as_any_other(made: Callable[..., JointBus]) -> None:
+    of = model(quadruped().replace('"base"', '"world"'))
+    with made(of) as world:
+        state = dropped(world, of, periods=300, above_m=0.05)
+    assert state.position_m[2] < of.stand_height_m - float(of.com_m[2]) + 0.01
+
+
 def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(
     made: Callable[..., JointBus],
 ) -> None:

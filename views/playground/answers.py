@@ -26,7 +26,7 @@ from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps
 from stancekit.planners.gait.method.way import plan_walk
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_between import LaidBetween

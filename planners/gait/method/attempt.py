@@ -22,7 +22,7 @@ from ...warp.conformal import flatten
 from ...warp.spline_map import SplineMap
 from ..charts import CHARTS
 from ..gait_program import GaitProgram, GaitSolution, formulate, sure
-from ..walk_table import GaitSettings
+from ..settings import GaitSettings
 
 Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
 """Called at every iteration with the attempt, the iteration over all its solves, the largest

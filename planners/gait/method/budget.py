@@ -23,7 +23,7 @@ from ...files.arrays import Array, archive_of, read_archive
 from ...files.writing import remove_leftovers, write_bytes
 from ...problem.walk import Walk
 from ..gait_program import GaitProgram, GaitSolution, SolveOptions
-from ..walk_table import GaitSettings
+from ..settings import GaitSettings
 from .attempt import Attempt, Attempted, Progress
 from .subprocess import solve_in_subprocess
 

@@ -39,9 +39,9 @@ from ..constraints.dynamics import LegLoads, dynamics, torque
 from ..constraints.feet import Overlaps, apart, reach
 from ..forbidden import forbidden, unheld
 from ..gait_program import GaitProgram, GaitSolution, terms
+from ..settings import GaitSettings
 from ..transcription.taylor import Block, Constraint
 from ..variables import Structure
-from ..walk_table import GaitSettings
 from .attempt import Attempt, Attempted, Homotopy, Progress, Workbench
 from .budget import FAILED, Checkpoint, SolveBudget, SolveRecord
 from .smoothing import Smoothing, Solver, peak_g, smoothed

@@ -26,7 +26,7 @@ from ...files.arrays import Array
 from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
-from ..walk_table import GaitSettings
+from ..settings import GaitSettings
 from .attempt import Attempt, Attempted, Progress
 from .budget import CUT, DONE, ROUND, Checkpoint, SolveRecord, cpu_s
 from .portfolio import Attempts, Caps, default_attempts, plan_gait

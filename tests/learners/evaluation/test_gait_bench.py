@@ -22,7 +22,7 @@ from stancekit.learners.evaluation.gait_bench import (
     table,
 )
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from tests.refusals import refuses
 
 FAST = GaitBenchSettings(

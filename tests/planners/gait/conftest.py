@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.gait.gait_program import GaitProgram, formulate
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField

@@ -19,7 +19,7 @@ from stancekit.planners.gait.forbidden import GradientBoxes, forbidden, unheld
 from stancekit.planners.gait.gait_program import formulate
 from stancekit.planners.gait.method.portfolio import plan_gait
 from stancekit.planners.gait.method.smoothing import smoothed
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import GAITS, Walk
 from stancekit.planners.robot.walker import anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField

@@ -19,7 +19,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.gait_program import formulate
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.problem import PostureBatch, Problem
 from stancekit.planners.problem.contact import StepLimits

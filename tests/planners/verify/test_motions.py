@@ -66,6 +66,18 @@ def test_joints_in_another_order_are_the_same_motion(moved: Moved) -> None:
     ]
 
 
+def test_large_feet_may_roll_farther_from_where_the_table_has_them(moved: Moved) -> None:
+    assert moved.robot is not None
+    feet = moved.table.arrays()["feet_m"] + [0.03, 0.0, 0.0]
+    table = moved.table.with_columns(feet_m=feet)
+    for radius_m, verdict in ((0.02, "violated"), (0.05, "holds")):
+        model = moved.robot.legs_with(moved.robot.servo)
+        legs = tuple(replace(leg, radius_m=radius_m) for leg in model.legs)
+        robot = replace(moved.robot, model=replace(model, legs=legs))
+        group = check_motion(table, robot, moved.terrain).group("feet")
+        assert group.verdict == verdict
+
+
 def test_a_joint_beyond_its_limit_is_named(moved: Moved) -> None:
     assert moved.robot is not None
     angles, _ = arrays(moved.table)
@@ -99,6 +111,16 @@ def test_a_body_that_is_too_low_has_its_feet_in_the_ground(moved: Moved) -> None
     )
     assert report.group("penetration").value == pytest.approx(0.02, abs=2e-3)
     assert report.group("penetration").verdict == "violated"
+
+
+def test_beyond_the_border_of_heights_there_is_no_ground(moved: Moved) -> None:
+    away = {name: moved.table.arrays()[name] + [30.0, 0.0, 0.0] for name in ("com_m", "feet_m")}
+    table = moved.table.with_columns(origin_m=arrays(moved.table)[1] + [30.0, 0.0, 0.0], **away)
+    group = judged(table, moved).group("contact_gap")
+    assert group.verdict == "violated"
+    assert group.value == pytest.approx(
+        28.5, abs=0.1
+    )  # the front feet come to 0.5, and the grid ends at 2
 
 
 def test_a_body_that_slides_while_its_feet_stand_slips(moved: Moved) -> None:

@@ -8,7 +8,7 @@ import pytest
 from stancekit.planners.gait.charts.warped import Pushforward
 from stancekit.planners.gait.gait_program import GaitProgram, formulate
 from stancekit.planners.gait.method.guess import GuessedWalk
-from stancekit.planners.gait.walk_table import GaitSettings
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import Foot, Robot
 from stancekit.planners.robot.walker import anymal, hexapod_walker

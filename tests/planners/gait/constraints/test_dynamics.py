@@ -28,8 +28,8 @@ from stancekit.planners.gait.constraints.feet import SHARE, Overlaps, apart, slo
 from stancekit.planners.gait.gait_program import GaitProgram, formulate, sure
 from stancekit.planners.gait.method.guess import GuessedWalk, euler_angles
 from stancekit.planners.gait.method.portfolio import Checks, DenseProgram, densified, leg_loads
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.gait.variables import Structure, sampled
-from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal

@@ -30,8 +30,8 @@ from stancekit.planners.gait.method.portfolio import (
     tightened,
 )
 from stancekit.planners.gait.method.smoothing import Smoothing, peak_g, smoothed
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.gait.transcription.program import Program
-from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField

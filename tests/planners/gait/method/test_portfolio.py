@@ -20,8 +20,8 @@ from stancekit.planners.gait.method.budget import CUT, DONE, ROUND, Checkpoint, 
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
+from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.gait.transcription import program as transcribed
-from stancekit.planners.gait.walk_table import GaitSettings
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal
 from stancekit.planners.terrain.heightfield import HeightField
