@@ -15,6 +15,7 @@ from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_st
 from importlib import import_module
 from itertools import dropwhile, takewhile
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 _DESCRIPTION = """Legged robots learn and plan on hard terrain.
@@ -48,30 +49,32 @@ _RARELY = (200_000, 20, 20)
 """Objects made between two searches for those that only hold each other, and how many searches make
 one of older objects."""
 
-COMMANDS = {
-    "sample": "label:Sample",
-    "solve": "solve:SolvePostures",
-    "verify": "verify:Verify",
-    "label": "label:LabelPostures",
-    "fit": "fit:Fit",
-    "train": "fit:Train",
-    "evaluate": "fit:Evaluate",
-    "picture": "export:Picture",
-    "export": "export:Export",
-    "plan": "plan:PlanCourse",
-    "play": "play:Play",
-    "simulate": "run:Simulate",
-    "terrain": "terrain:ShowTerrain",
-    "map": "terrain:MapTerrain",
-    "run": "run:RunMotion",
-    "replay": "run:Replay",
-    "robot": "robot:ShowRobot",
-    "warp": "terrain:Warp",
-    "gait": "gait:PlanGait",
-    "bench": "bench:Bench",
-    "demo": "about:Demo",
-    "about": "about:About",
-}
+COMMANDS = MappingProxyType(
+    {
+        "sample": "label:Sample",
+        "solve": "solve:SolvePostures",
+        "verify": "verify:Verify",
+        "label": "label:LabelPostures",
+        "fit": "fit:Fit",
+        "train": "fit:Train",
+        "evaluate": "fit:Evaluate",
+        "picture": "export:Picture",
+        "export": "export:Export",
+        "plan": "plan:PlanCourse",
+        "play": "play:Play",
+        "simulate": "run:Simulate",
+        "terrain": "terrain:ShowTerrain",
+        "map": "terrain:MapTerrain",
+        "run": "run:RunMotion",
+        "replay": "run:Replay",
+        "robot": "robot:ShowRobot",
+        "warp": "terrain:Warp",
+        "gait": "gait:PlanGait",
+        "bench": "bench:Bench",
+        "demo": "about:Demo",
+        "about": "about:About",
+    }
+)
 """The module and the class of every command; it is imported when it is asked for."""
 ENTRY_POINTS = "stancekit.commands"
 """The group of entry points by which other packages bring commands: NAME = "module:CLASS". They

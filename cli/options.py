@@ -15,6 +15,7 @@ from dataclasses import dataclass, fields
 from functools import cache, partial
 from inspect import cleandoc
 from pathlib import Path
+from types import MappingProxyType
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -107,40 +108,42 @@ def _texts(cls: type[Any]) -> Mapping[str, str]:
     }
 
 
-NAMES = {
-    "stancekit.planners.projection.project:PROJECTIONS": (
-        "stancekit.projections",
-        ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
-    ),
-    "stancekit.planners.relaxation.relaxed:RELAXATIONS": (
-        "stancekit.relaxations",
-        ("p1", "joint", "coned", "lift"),
-    ),
-    "stancekit.planners.search.methods:METHODS": (
-        "stancekit.planners",
-        ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
-    ),
-    "stancekit.planners.search.methods:COURSE_METHODS": (
-        "stancekit.planners",
-        ("two-stage", "micp", "nlp", "decoupled", "exact"),
-    ),
-    "stancekit.learners.training.fitting:METHODS": (
-        "stancekit.methods",
-        (
-            "heuristic",
-            "quantile",
-            "gmm-printed",
-            "gmm",
-            "ga",
-            "gradient",
-            "modes",
-            "neural",
-            "joint",
-            "rl",
+NAMES = MappingProxyType(
+    {
+        "stancekit.planners.projection.project:PROJECTIONS": (
+            "stancekit.projections",
+            ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
         ),
-    ),
-    "stancekit.learners.selectors.selector:SELECTORS": ("stancekit.selectors", ()),
-}
+        "stancekit.planners.relaxation.relaxed:RELAXATIONS": (
+            "stancekit.relaxations",
+            ("p1", "joint", "coned", "lift"),
+        ),
+        "stancekit.planners.search.methods:METHODS": (
+            "stancekit.planners",
+            ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
+        ),
+        "stancekit.planners.search.methods:COURSE_METHODS": (
+            "stancekit.planners",
+            ("two-stage", "micp", "nlp", "decoupled", "exact"),
+        ),
+        "stancekit.learners.training.fitting:METHODS": (
+            "stancekit.methods",
+            (
+                "heuristic",
+                "quantile",
+                "gmm-printed",
+                "gmm",
+                "ga",
+                "gradient",
+                "modes",
+                "neural",
+                "joint",
+                "rl",
+            ),
+        ),
+        "stancekit.learners.selectors.selector:SELECTORS": ("stancekit.selectors", ()),
+    }
+)
 """By registry, or by tuple of our own names: the group of other packages' names, and our own,
 for which `--help` would else load solvers and networks (a test holds them to be those that there
 are)."""

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,15 +41,17 @@ if TYPE_CHECKING:
 _Observation = dict[str, NDArray[np.float32]]
 _ROOM = 10.0
 """Bound on the numbers of an observation."""
-INFO: Mapping[str, int | float] = {
-    "is_success": 0,
-    "tries": 0,
-    "solves": 0,
-    "masked": 0,
-    "repeated": 0,
-    "refuted": 0,
-    "cost": 0.0,
-}
+INFO: Mapping[str, int | float] = MappingProxyType(
+    {
+        "is_success": 0,
+        "tries": 0,
+        "solves": 0,
+        "masked": 0,
+        "repeated": 0,
+        "refuted": 0,
+        "cost": 0.0,
+    }
+)
 """``info`` before anything was tried."""
 
 

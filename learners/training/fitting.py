@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
@@ -40,18 +41,20 @@ if TYPE_CHECKING:
 
 SPREAD = ("ga",)
 """Methods that use an executor."""
-KNOBS: Mapping[str, tuple[str, ...]] = {
-    "heuristic": (),
-    "quantile": ("share",),
-    "gmm-printed": ("clusters", "threshold", "time_limit_s", "seed"),
-    "gmm": ("share", "clusters", "steps", "batch", "seed"),
-    "gradient": ("share", "boxes", "steps", "batch", "seed"),
-    "ga": ("genetic",),
-    "modes": ("share",),
-    "neural": ("neural",),
-    "joint": ("neural",),
-    "rl": ("rl",),
-}
+KNOBS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "heuristic": (),
+        "quantile": ("share",),
+        "gmm-printed": ("clusters", "threshold", "time_limit_s", "seed"),
+        "gmm": ("share", "clusters", "steps", "batch", "seed"),
+        "gradient": ("share", "boxes", "steps", "batch", "seed"),
+        "ga": ("genetic",),
+        "modes": ("share",),
+        "neural": ("neural",),
+        "joint": ("neural",),
+        "rl": ("rl",),
+    }
+)
 """Settings by the method that they concern."""
 
 

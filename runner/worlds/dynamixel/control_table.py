@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -119,13 +120,15 @@ class ServoModel:
         return builtin_actuators()[self.name].stall_nm / self.stall_a
 
 
-MODELS = {
-    model.name: model
-    for model in (
-        ServoModel(name="XM430-W350", number=1020, current_a=1193 * AMPERE, stall_a=2.3),
-        ServoModel(name="XM540-W270", number=1120, current_a=2047 * AMPERE, stall_a=4.4),
-    )
-}
+MODELS = MappingProxyType(
+    {
+        model.name: model
+        for model in (
+            ServoModel(name="XM430-W350", number=1020, current_a=1193 * AMPERE, stall_a=2.3),
+            ServoModel(name="XM540-W270", number=1120, current_a=2047 * AMPERE, stall_a=4.4),
+        )
+    }
+)
 
 
 def hardware_errors(status: int) -> str:
