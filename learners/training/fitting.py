@@ -23,6 +23,7 @@ from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executors import Executor
+from ..leaps.kinds import KINDS
 from ..selectors.genetic import (
     BoxDescent,
     BoxFit,
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
     from .reinforce import TrainConfig
 
 
-SPREAD = ("ga",)
-"""Methods that use an executor."""
 KNOBS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "heuristic": (),
@@ -53,9 +52,18 @@ KNOBS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "neural": ("neural",),
         "joint": ("neural",),
         "rl": ("rl",),
+        **dict.fromkeys(("surrogate", *KINDS), ()),
     }
 )
-"""Settings by the method that they concern."""
+"""Settings by the method that they concern; some methods have others of their own."""
+FURTHER: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "calibration": ("neural", "joint", "rl", "surrogate"),
+        "checkpoint": ("ga", "gradient", "neural", "joint", "rl", "surrogate", *KINDS),
+        "workers": ("ga",),
+    }
+)
+"""Arguments of ``fit`` that not every method uses, and the methods that do."""
 
 
 @dataclass(frozen=True, kw_only=True)
