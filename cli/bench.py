@@ -18,7 +18,15 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, grid, out, stages
 from .fit import score_table
-from .options import ROBOT, TERRAIN, OptionalFloat, OptionalInt, OptionalPath, OptionalText
+from .options import (
+    ROBOT,
+    TERRAIN,
+    OptionalFloat,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+    check_unused,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -260,6 +268,8 @@ def _figure(value: float | None) -> str:
 
 METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder", "finder-tuned")
 _LEAPS = "LeapChoice-v0"
+_OF_LEAPS = ("scorer", "method", "distribution", "solves", "cpu_s", "oracle_solves")
+"""Options that other environments do not use."""
 _QUICK = 40
 """Scenes of a quick look."""
 
@@ -316,6 +326,8 @@ class _BenchRoom:
 
             for name in others:
                 checked_choice(name, "--environment", (_LEAPS, *ENVIRONMENTS))
+        if _LEAPS not in self.environment:
+            check_unused(self, _OF_LEAPS, ", ".join(self.environment))
         rooms = [
             line
             for name in self.environment
@@ -504,6 +516,8 @@ def _program_table(sums: list[dict[str, Any]]) -> Table:
     )
 
 
+_OF_CELLS = ("quick", "terrain", "chart", "tasks", "seeds", "cap", "workers", "kept")
+"""Options that walks of other programs do not use."""
 _WIDEST = 200
 """Width of tables where standard output is no terminal."""
 
@@ -542,7 +556,7 @@ class BenchGait:
     against: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Walks of other programs, NAME.yaml with NAME.csv or NAME.npz (docs/formats.md): measure
     nothing, judge these by the same check, beside the cells that --out has of the same tasks."""
-    tables_only: Annotated[bool, tyro.conf.arg(name="kept")] = False
+    kept: bool = False
     """Measure nothing: the tables of what the folder has."""
     json: bool = False
     """One JSON object a cell."""
@@ -552,6 +566,7 @@ class BenchGait:
         from stancekit.planners.files.arrays import checked_int
 
         if self.against is not None:
+            check_unused(self, _OF_CELLS, "--against")
             return judge(self.against, self.out or Path("out/bench-gait"), as_json=self.json)
         from stancekit.learners.evaluation import gait_bench
         from stancekit.planners.files.writing import make_folder, write_text
@@ -559,7 +574,7 @@ class BenchGait:
         settings = self._settings()
         checked_int(self.workers, "--workers", least=1)
         folder = self.out or Path("out/bench-gait-quick" if self.quick else "out/bench-gait")
-        if not self.tables_only:
+        if not self.kept:
             make_folder(folder)
         elif not folder.is_dir():
             raise InvalidInput(
@@ -567,7 +582,7 @@ class BenchGait:
             )
         measure = (
             (lambda _: gait_bench.kept(settings, folder))
-            if self.tables_only
+            if self.kept
             else partial(gait_bench.run, settings, folder, workers=self.workers)
         )
         rows = _measured("bench gait", measure, as_json=self.json)

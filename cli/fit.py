@@ -26,6 +26,7 @@ from .options import (
     OptionalText,
     check_drawn,
     check_out,
+    check_unused,
     named,
 )
 
@@ -129,11 +130,8 @@ class Fit:
                 f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
             )
         spread = self.method in FURTHER["workers"]
-        for name in (() if spread else ("executor", "address")) + (_UNUSED if scores else ()):
-            if (came := getattr(self, name)) != getattr(Fit, name):
-                raise InvalidInput(
-                    f"--{name}: expected none with --method {self.method}, got {came}"
-                )
+        unused = (() if spread else ("executor", "address")) + (_UNUSED if scores else ())
+        check_unused(self, unused, f"--method {self.method}")
         workers: Executor | int = self.workers
         if spread:
             with as_options():
@@ -367,6 +365,8 @@ class Evaluate:
         )
 
         check_drawn(self.picture)
+        if self.markdown:
+            check_unused(self, ("json",), "--markdown")
         if not self.projection:
             raise InvalidInput("--projection: expected one or more projections, got none")
         for name in self.projection:

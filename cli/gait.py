@@ -21,6 +21,7 @@ from .options import (
     OptionalText,
     TerrainFile,
     check_drawn,
+    check_unused,
     heading,
     place,
 )
@@ -372,6 +373,8 @@ class PlanGait:
             check_name(self.out)
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
+        if not self.adhesive:
+            check_unused(self, ("suction_n",), "no --adhesive FEET")
         files = [path for path in (self.picture, self.video, self.html) if path is not None]
         twice = [path for path in files if files.count(path) > 1]
         if twice:

@@ -9,7 +9,7 @@ import dataclasses
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache, partial
@@ -178,6 +178,18 @@ OptionalFloat: TypeAlias = Annotated[Optional[float], tyro.conf.arg(metavar="FLO
 OptionalWrench: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="FX,FY,FZ[,MX,MY,MZ]")]  # noqa: UP045
 OptionalText: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="TEXT")]  # noqa: UP045
 LONGEST_S = 1e6
+
+
+def check_unused(options: Any, names: Iterable[str], of: str) -> None:
+    """Raise InvalidInput for one of these options that was given.
+
+    Arguments:
+        options: the data class of the options.
+        of: what has no use for them.
+    """
+    for name in names:
+        if (came := getattr(options, name)) != getattr(type(options), name):
+            raise InvalidInput(f"--{name.replace('_', '-')}: expected none with {of}, got {came}")
 
 
 @dataclass

@@ -26,6 +26,7 @@ from .options import (
     OptionalWrench,
     check_drawn,
     check_limit,
+    check_unused,
     named,
     wrench_numbers,
 )
@@ -560,15 +561,13 @@ class PlanCourse:
         """Raise InvalidInput for an option that was given and that a leap has no use for."""
         between = self.between
         for of in (self, self.of_method, between, between.file, between.footholds):
-            plain: Any = PlanCourse(course="") if of is self else cast("Any", type(of))()
-            for name, value in vars(plain).items():
-                unused = is_dataclass(value) or getattr(of, name) == value
-                if unused or ((of is self or of is self.of_method) and name in OF_LEAP):
-                    continue
-                option = name.replace("_", "-")
-                raise InvalidInput(
-                    f"--{option}: expected none with a leap, got {getattr(of, name)}"
-                )
+            used = OF_LEAP if of in (self, self.of_method) else ()
+            names = (
+                name
+                for name, value in vars(of).items()
+                if not is_dataclass(value) and name not in used
+            )
+            check_unused(of, names, "a leap")
 
     def _settings(self) -> PlanSettings:
         """Settings that a plan has to keep and to bear, from the options.
@@ -596,8 +595,9 @@ class PlanCourse:
         that cannot be.
         """
         check_limit(self.time_limit_s)
-        if self.policy is not None:
-            raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
+        check_unused(self, ("policy",), f"the course {self.course}")
+        if self.between.start is None and not self.leaps:
+            raise InvalidInput("--no-leaps: expected --start and --goal with it, got none")
         self._settings()
         self._check_files()
 

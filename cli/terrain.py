@@ -22,6 +22,7 @@ from .options import (
     check_drawn,
     check_limit,
     check_out,
+    check_unused,
     in_options,
     numbers,
     place,
@@ -91,6 +92,8 @@ class ShowTerrain:
     def run(self) -> int:
         """Read, find footholds, draw, say."""
         check_drawn(picture=self.picture, html=self.html)
+        if self.picture is None and self.html is None:
+            check_unused(self, ("start", "goal"), "a terrain that is not drawn")
         asked = {"start": self.start, "goal": self.goal}
         places = {key: place(each, f"--{key}") for key, each in asked.items() if each is not None}
         footholds = self._found()

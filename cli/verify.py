@@ -98,6 +98,8 @@ class Verify:
             ("terrain", "a motion's"),
             ("exact", "a proof's"),
             ("margins", "a plan's"),
+            ("out", "a contact sequence's"),
+            ("picture", "a contact sequence's"),
         )
         for option, wanted in wants:
             if getattr(self, option) not in (None, False) and not (
