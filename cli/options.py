@@ -316,19 +316,6 @@ def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
         ) from None
 
 
-_OF_FILES = (
-    "kind",
-    "spacing_m",
-    "unit_m",
-    "up",
-    "offset_m",
-    "crop_m",
-    "holes",
-    "most_triangles",
-    "smooth_m",
-    "grid_m",
-)
-
 _OF_WALKS = ("heights_m", "smooth_m")
 """Options of files that are no field of ``ImportOptions`` by this name."""
 OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
@@ -443,17 +430,9 @@ def in_options() -> Iterator[None]:
         yield
     except InvalidInput as error:
         message = re.sub(r"\bheight_m\b", "--heights-m", str(error))
-        names = "|".join(
-            (
-                *_OF_FILES,
-                "slope_rad",
-                "clearance_m",
-                "margin_m",
-                "width_m",
-                "roughness_m",
-                "noise_m",
-            )
-        )
+        message = re.sub(r"\bclearance_m\b", "--headroom-m", message)
+        known = [each.name for kind in (TerrainFile, FootholdOptions) for each in fields(kind)]
+        names = "|".join([*known, "grid_m"])
         text = re.sub(rf"(?<![-\w.])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
         raise type(error)(text) from None
 

@@ -9,7 +9,6 @@ in every denominator.
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -43,6 +42,7 @@ from stancekit.planners.verify.leaps import check_leap
 
 from ..leaps.kinds import SCORER
 from ..zoo import shipped
+from .evaluate import Share as Counted
 
 Share = tuple[float, float, float]
 _DRAWS = 10_000
@@ -614,7 +614,6 @@ def share(count: int, of: int) -> tuple[float, float, float] | None:
     """A share and the ends of its 95 % interval (Wilson); None of nothing."""
     if not of:
         return None
-    z, p = 1.96, count / of
-    middle = (p + z * z / (2 * of)) / (1 + z * z / of)
-    half = z / (1 + z * z / of) * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
-    return p, max(middle - half, 0.0), min(middle + half, 1.0)
+    counted = Counted(hits=count, of=of)
+    low, high = counted.interval
+    return counted.value, max(low, 0.0), min(high, 1.0)

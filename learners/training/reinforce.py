@@ -39,7 +39,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.errors import InvalidInput, StancekitError, package_command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml, typed, validated
 from stancekit.planners.files.writing import make_folder, write_text
@@ -568,10 +568,8 @@ def _training_env(config: TrainConfig, scenes: TrainingScenes) -> VecEnv:
 def _logger(folder: Path, tensorboard: bool) -> Logger:
     """TensorBoard's log where it is wanted and installed, else none: the curve is kept anyway."""
     if tensorboard and importlib.util.find_spec("tensorboard") is None:
-        _log.warning(
-            "tensorboard is not installed (pip install tensorboard): training goes on without its "
-            "logs"
-        )
+        how = package_command("tensorboard")
+        _log.warning(f"tensorboard is not installed ({how}): training goes on without its logs")
         tensorboard = False
     return (
         configure(str(folder / "tensorboard"), ["tensorboard"]) if tensorboard else Logger(None, [])
