@@ -7,17 +7,17 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked_choice
-from stancekit.planners.files.documents import check_fields, shown, typed
+from stancekit.planners.files.documents import Strict, check_fields, shown, typed
 from stancekit.planners.plugins import Registry, code_of, takes
 from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -67,7 +67,7 @@ FURTHER: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitSettings:
+class FitSettings(Strict):
     """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
 
     Arguments:
@@ -82,8 +82,6 @@ class FitSettings:
         neural: keys of ``NeuralSettings``.
         rl: keys of ``TrainConfig`` but for environment, problem and scenes.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     share: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.05
     clusters: PositiveInt = 1
