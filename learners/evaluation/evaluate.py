@@ -159,9 +159,7 @@ class Score:
         return record | {"gap": or_null(self.gap), "p1_ms": or_null(self.p1_ms), **self.notes}
 
 
-def rollout(
-    selector: Predictor, env: EnvelopeSelectionEnv, episodes: int, progress: Progress | None = None
-) -> list[dict[str, Any]]:
+def rollout(selector: Predictor, env: EnvelopeSelectionEnv, episodes: int) -> list[dict[str, Any]]:
     """Play one-step episodes and return the info of each, with its ``reward``: what every selector
     is judged by.
 
@@ -173,8 +171,6 @@ def rollout(
         action, _ = selector.predict(observation, deterministic=True)
         _, reward, _, _, info = env.step(action)
         infos.append(info | {"reward": reward})
-        if progress is not None:
-            progress(episode + 1, episodes)
     return infos
 
 

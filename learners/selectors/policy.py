@@ -249,10 +249,10 @@ class TrainedPolicy:
 
     @classmethod
     @undisturbed(0)
-    def load(cls, path: str | Path, *, problem: str | None = None) -> TrainedPolicy:
+    def load(cls, path: str | Path) -> TrainedPolicy:
         """Read a policy.
 
-        Raises InvalidInput for a file that is damaged, foreign or for another class of problems.
+        Raises InvalidInput for a file that is damaged or foreign.
         """
         header, tensors = read_tensors(path, FORMAT)
         shape = validated(PolicyShape, header.get("shape"), str(path))
@@ -260,10 +260,6 @@ class TrainedPolicy:
         steps = checked_int(header.get("steps"), f"{path}: steps")
         if not isinstance(provenance, dict):
             raise InvalidInput(f"{path}: provenance: expected an object, got {shown(provenance)}")
-        if problem is not None and shape.problem != problem:
-            raise InvalidInput(
-                f"{path}: expected a policy for {problem}, got one for {shape.problem}"
-            )
         sizes = sum(a * b for a, b in itertools.pairwise(shape.hidden))
         if sizes > sum(tensor.numel() for tensor in tensors.values()):
             raise InvalidInput(
