@@ -16,7 +16,7 @@ from rich.console import Console
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, err, grid, out, stages
+from .console import as_options, emit, err, grid, out, say, stages
 from .fit import score_table
 from .options import (
     ROBOT,
@@ -181,8 +181,7 @@ class _BenchPlanner:
             Console(width=max(out.width, _WIDTH), soft_wrap=True).print(table(rows))
             for method in dict.fromkeys(row["method"] for row in rows if "over_solver" in row):
                 out.print(f"{method}: CPU s ~ M^{planner_bench.growth(rows, method):.2f}")
-            for line in speed_ups(rows):
-                out.print(line)
+            say(speed_ups(rows))
             out.print(f"cells and table: {folder}")
         return 0
 
@@ -594,8 +593,7 @@ class BenchGait:
             wide = out if out.is_terminal else Console(width=_WIDEST)
             for made in (success_table(records), _speed_table(records), _motion_table(records)):
                 wide.print(made)
-            for line in (*_comparisons(rows), *products(records)):
-                out.print(line, highlight=False)
+            say((*_comparisons(rows), *products(records)))
         drawings = gait_bench.draw(rows, folder)
         if not self.json:
             names = ", ".join(sorted({path.stem.partition("-")[0] for path in drawings}))

@@ -202,10 +202,10 @@ def facts(
     return grid(columns, [row for row in rows if row[1]], box=None, show_header=False)
 
 
-def say_written(*paths: Path | None, word: str = "wrote {}") -> None:
-    """Say which files were written, of those that were asked for."""
-    for path in filter(None, paths):
-        out.print(word.format(path), highlight=False)
+def say(lines: Iterable[object], word: str = "{}") -> None:
+    """Print lines, or names of files, those that there are, each in these words."""
+    for line in filter(None, lines):
+        out.print(word.format(line), highlight=False)
 
 
 class _Lines:

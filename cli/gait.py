@@ -12,7 +12,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 
-from .console import as_options, complain, emit, err, out, watching
+from .console import as_options, complain, emit, err, out, say, watching
 from .options import (
     OF_FILE,
     OptionalFloat,
@@ -487,8 +487,7 @@ class PlanGait:
 
     def _say(self, plan: Attempts, best: Attempted, written: bool) -> None:
 
-        for line in words(plan):
-            out.print(line, highlight=False)
+        say(words(plan))
         if (loads := joints(best)) is not None:
             parts = [
                 f"{name} {each['value']:.2g}{'' if each['unit'] == '1' else ' ' + each['unit']}"
@@ -496,12 +495,9 @@ class PlanGait:
                 for name, each in loads.items()
             ]
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
-        if best.solution.success and best.report.remark:
-            out.print(best.report.remark, highlight=False)
-        for line in best.trajectory.robot.unrunnable:
-            out.print(f"cannot be run: {line}", highlight=False)
-        for line in best.trajectory.robot.doubts:
-            out.print(f"doubt: {line}", highlight=False)
+        say([best.report.remark] if best.solution.success else [])
+        say(best.trajectory.robot.unrunnable, "cannot be run: {}")
+        say(best.trajectory.robot.doubts, "doubt: {}")
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

@@ -14,7 +14,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import Show, as_options, emit, out, progress, tell
+from .console import Show, as_options, emit, out, progress, say, tell
 from .options import (
     DISTRIBUTION,
     ROBOT,
@@ -222,8 +222,7 @@ class LabelPostures:
             emit(record)
             return 0
         out.print(str(self.folder))
-        for line in remarks:
-            out.print(f"  {line}", highlight=False)
+        say(remarks, "  {}")
         for name, value in record.items():
             out.print(f"  {name:15} {_plain(value)}")
         return 0

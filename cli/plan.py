@@ -15,7 +15,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput, NoPlace
 
-from .console import as_options, complain, emit, out, progress, results
+from .console import as_options, complain, emit, out, progress, results, say
 from .options import (
     OF_METHOD,
     CourseMethodOptions,
@@ -69,15 +69,12 @@ def _deliver(
     else:
         out.print(_table_of(answer, name))
         if solution is not None and report is not None:
-            for line in filter(None, (*_lines(answer), *_doubts(answer, time_limit_s))):
-                out.print(line, highlight=False)
+            say((*_lines(answer), *_doubts(answer, time_limit_s)))
         refused = (
             "" if report is None or report.accepted else ", of a plan that the verifier refuses"
         )
-        for line in answer.doubts:
-            out.print(f"doubt: {line}", highlight=False)
-        for path in written:
-            out.print(f"wrote {path}{'' if path == proof else refused}", highlight=False)
+        say(answer.doubts, "doubt: {}")
+        say((f"{path}{'' if path == proof else refused}" for path in written), "wrote {}")
     if not accepted:
         complain(f"stancekit: no plan: {name}: {reason or answer.claim or answer.status.value}")
     if proof is not None and proof not in written:

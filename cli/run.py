@@ -17,7 +17,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, err, facts, out, progress, say_written, tell
+from .console import as_options, complain, emit, err, facts, out, progress, say, tell
 from .options import (
     OptionalFloat,
     OptionalInt,
@@ -415,7 +415,7 @@ class RunMotion:
                 emit({"plan": str(self.plan), **record})
             else:
                 out.print(table)
-                say_written(self.log, self.picture, self.video, word="written: {}")
+                say((self.log, self.picture, self.video), "written: {}")
         except BrokenPipeError:  # nobody reads it, but the exit code is of the robot
             if succeeded:
                 raise
@@ -604,9 +604,8 @@ class Simulate:
             emit({"plan": str(self.plan), **_simulated(report, execution), "doubts": doubts})
         else:
             out.print(_simulated_table(report, execution))
-            for line in accepted.plan.doubts:
-                out.print(f"doubt: {line}", highlight=False)
-            say_written(self.picture, self.video, self.out, word="written: {}")
+            say(accepted.plan.doubts, "doubt: {}")
+            say((self.picture, self.video, self.out), "written: {}")
         return 0 if report.succeeded else 1
 
     def _write(self, motion: Motion[Any], execution: Execution) -> None:
@@ -712,7 +711,7 @@ class Replay:
 
             save(draw_tracking(recorded), self.picture)
         tell(self.json, record, _replay_table(record))
-        say_written(*(() if self.json else (self.picture,)), word="written: {}")
+        say(() if self.json else (self.picture,), "written: {}")
         return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1
 
 

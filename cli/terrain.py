@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import as_options, facts, progress, say_written, tell
+from .console import as_options, facts, progress, say, tell
 from .options import (
     OF_FILE,
     FileMeaning,
@@ -116,7 +116,7 @@ class ShowTerrain:
         words = ", ".join(f"{axis} is the file's {values}" for axis, values in turned.items())
         table = facts([*_found_rows(footholds), ("axes", words)], "ellipsis")
         tell(self.json, footholds.to_json() | ({"axes": axes} if axes else {}), table)
-        say_written(*(() if self.json else (self.picture, self.html)))
+        say(() if self.json else (self.picture, self.html), "wrote {}")
         return 0
 
     def _found(self) -> Footholds:
@@ -272,7 +272,7 @@ class MapTerrain:
 
             save(draw_standing_map(standing), self.picture)
         tell(self.json, standing.to_json(), _standing_table(standing))
-        say_written(*(() if self.json else (self.out, self.picture)))
+        say(() if self.json else (self.out, self.picture), "wrote {}")
         return 0
 
 
