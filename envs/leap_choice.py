@@ -33,7 +33,16 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
-from .episodes import USUAL_SEARCH, SearchWeights, Step, TaskEnv, boxes, checked_action, weighted
+from .episodes import (
+    USUAL_SEARCH,
+    SearchWeights,
+    Step,
+    TaskEnv,
+    boxes,
+    checked_action,
+    flat,
+    weighted,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -193,10 +202,7 @@ class _Episode:
             "residual": self._residual(),
             "left": np.maximum(left, 0.0),
         }
-        return {
-            name: np.clip(each, -_ROOM, _ROOM).astype(np.float32).ravel()
-            for name, each in parts.items()
-        }
+        return {name: flat(each, _ROOM) for name, each in parts.items()}
 
     def _residual(self) -> Array:
         """Per interval, how far L and Θ of the last try are from what its forces give, shape (2,
