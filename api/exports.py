@@ -120,7 +120,9 @@ def export(
         raise InvalidInput(
             f"count: expected a family's level with it, as rough:0.1, got {_called(subject)}"
         )
-    is_rows = _is_rows(subject) or (to == _MINARI and isinstance(subject, str | Path))
+    is_rows = isinstance(subject, Dataset) or (
+        isinstance(subject, str | Path) and (to == _MINARI or folder_of(subject).is_dir())
+    )
     kind, used = (
         ("drawn walks", ("robot", "rate_hz"))
         if is_draw
@@ -184,12 +186,6 @@ def _called(subject: object) -> str:
         str(subject)
         if isinstance(subject, str | Path)
         else f"a {getattr(subject, 'word', 'Dataset')}"
-    )
-
-
-def _is_rows(subject: object) -> bool:
-    return isinstance(subject, Dataset) or (
-        isinstance(subject, str | Path) and folder_of(subject).is_dir()
     )
 
 

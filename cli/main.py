@@ -171,7 +171,9 @@ def parse(arguments: Sequence[str]) -> _Command:
         known = ", ".join((*COMMANDS, *_others()))
         complain(f"stancekit: error: COMMAND: expected one of {known}, got {arguments[0]!r}")
         sys.exit(2)
-    for name, count in Counter(filter(None, map(_option, arguments[1:]))).items():
+    for name, count in Counter(
+        each.split("=")[0] for each in arguments[1:] if each.startswith("--")
+    ).items():
         if count > 1:  # else the last one would silently count alone
             complain(
                 f"stancekit: error: {name}: expected once, got it {count} times; see stancekit "
@@ -295,11 +297,6 @@ def _without(said: str) -> str:
 def _missing(said: str) -> str:
     match = re.match(r"Missing from stancekit [a-z -]+: (--[\w-]+|[A-Z_]+)", said)
     return "" if match is None else f"{match[1]}: expected a value for it, got none"
-
-
-def _option(argument: str) -> str:
-    """The name of an option, without its value; empty if the argument is not an option."""
-    return argument.split("=")[0] if argument.startswith("--") else ""
 
 
 def _command(name: str) -> type[_Command]:

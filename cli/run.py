@@ -601,7 +601,8 @@ class Simulate:
         self._write(accepted.plan, execution)
         if self.json:
             doubts = list(accepted.plan.doubts)
-            emit({"plan": str(self.plan), **_simulated(report, execution), "doubts": doubts})
+            verdict = {"succeeded": report.succeeded, "message": _why(report, execution)}
+            emit({"plan": str(self.plan), **execution.to_json(), **verdict, "doubts": doubts})
         else:
             out.print(_simulated_table(report, execution))
             say(accepted.plan.doubts, "doubt: {}")
@@ -622,11 +623,6 @@ def _why(report: RunReport, run: Execution) -> str:
         return run.message or report.message
     done = f"{report.frames_done:.0f} of {report.frames:.0f} {report.counted}"
     return f"stopped after {done}: {report.message}"
-
-
-def _simulated(report: RunReport, run: Execution) -> dict[str, Any]:
-    """The figures, with the verdict on the whole run."""
-    return run.to_json() | {"succeeded": report.succeeded, "message": _why(report, run)}
 
 
 def _simulated_table(report: RunReport, run: Execution) -> Table:

@@ -295,22 +295,6 @@ def from_behind(towards: Array, start_m: Array, goal_m: Array) -> Array:
     return np.asarray(towards - 2.0 * max(float(towards @ ahead), 0.0) * ahead)
 
 
-def said(colour: str, title: str, text: str, below: str, *, change: int, patient: bool) -> str:
-    """A verdict as HTML: a title in its colour, a sentence, and a quiet line.
-
-    Arguments:
-        change: that it answers.
-        patient: whether it is the last word on that.
-    """
-    return (
-        f'<div id="verdict" data-change="{change}" data-patient="{int(patient)}" style="border-left:5px solid '
-        f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
-        f'<div style="font-size:15px;font-weight:700;color:{colour}">{html.escape(title)}</div>'
-        f"<div>{html.escape(text)}</div>"
-        f'<div style="color:{_QUIET};font-size:11.5px">{html.escape(below)}</div></div>'
-    )
-
-
 def told(colour: str, words: str) -> str:
     """A line on what was saved, as HTML."""
     return (
@@ -410,19 +394,24 @@ def _torques(
 
 
 def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
-    """The verdict as HTML.
+    """The verdict as HTML: a title in its colour, a sentence, and a quiet line.
 
     Arguments:
         number: of the change that it answers.
         drawn_ms: since that change.
     """
     colour, title, text = _words(answer)
+    title, text = html.escape(title), html.escape(text)
     took = f"drawn after {drawn_ms:.0f} ms"
     if answer.patient:
         unit = "s" if isinstance(answer.course, Walk) else "CPU-s"
         took = f"judged in {sum(answer.seconds):.1f} {unit}"
-    return said(
-        colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient
+    return (
+        f'<div id="verdict" data-change="{number}" data-patient="{int(answer.patient)}" style="border-left:5px solid '
+        f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
+        f'<div style="font-size:15px;font-weight:700;color:{colour}">{title}</div>'
+        f"<div>{text}</div>"
+        f'<div style="color:{_QUIET};font-size:11.5px">change {number} · {took}</div></div>'
     )
 
 
