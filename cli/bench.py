@@ -16,7 +16,7 @@ from rich.console import Console
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, err, grid, out, say, stages
+from .console import as_options, draw_to_file, emit, err, grid, out, say, stages
 from .fit import score_table
 from .options import (
     ROBOT,
@@ -75,7 +75,6 @@ class _BenchEnvelopes:
         from stancekit.learners.evaluation import evaluate
         from stancekit.learners.evaluation.evaluate import Experiment
         from stancekit.planners.files.writing import make_folder, write_text
-        from stancekit.views.sheet import save
 
         arguments = {
             "problems": list(self.problem) or None,
@@ -102,7 +101,7 @@ class _BenchEnvelopes:
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
                 write_text(folder / "table.md", evaluate.page(table, experiment))
-                save(result.picture(), folder / f"{result.problem_class}.png")
+                draw_to_file(result.picture(), folder / f"{result.problem_class}.png")
                 if self.json:
                     for record in records:
                         emit(record)

@@ -25,6 +25,7 @@ from rich.segment import Segment
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.table import Table
     from rich.text import Text
 
@@ -200,6 +201,13 @@ def facts(
     """A table of names and what there is to say of each; rows without words are left out."""
     columns = ("", {"style": "bold"}), ("", {"overflow": overflow})
     return grid(columns, [row for row in rows if row[1]], box=None, show_header=False)
+
+
+def draw_to_file(figure: Figure, path: Path) -> None:
+    """Write a picture."""
+    from stancekit.views.sheet import save  # loads matplotlib
+
+    save(figure, path)
 
 
 def say(lines: Iterable[object], word: str = "{}") -> None:

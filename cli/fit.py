@@ -16,7 +16,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput, not_installed
 
-from .console import as_options, emit, grid, out, progress, stages, tell
+from .console import as_options, draw_to_file, emit, grid, out, progress, stages, tell
 from .options import (
     PROJECTION,
     ROBOT,
@@ -404,9 +404,7 @@ class Evaluate:
                 )
         comparison = Comparison(problem_class=rows.problem_class, scores=tuple(scores))
         if self.picture is not None:
-            from stancekit.views.sheet import save
-
-            save(comparison.picture(), self.picture)
+            draw_to_file(comparison.picture(), self.picture)
         if self.markdown:
             out.print(comparison.markdown(), soft_wrap=True, markup=False)
         elif self.json:

@@ -12,7 +12,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 
-from .console import as_options, complain, emit, err, out, say, watching
+from .console import as_options, complain, draw_to_file, emit, err, out, say, watching
 from .options import (
     OF_FILE,
     OptionalFloat,
@@ -326,9 +326,8 @@ class PlanGait:
         written = self._write(best)
         if self.picture is not None:
             from stancekit.views.gaits import draw_motion
-            from stancekit.views.sheet import save
 
-            save(draw_motion(best.trajectory, best.report, warp=_map(best)), self.picture)
+            draw_to_file(draw_motion(best.trajectory, best.report, warp=_map(best)), self.picture)
         show(best.trajectory, video=self.video, html=self.html)
         if written or not best.solution.success:
             checkpoint.remove()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from .console import emit, facts, grid, out
+from .console import draw_to_file, emit, facts, grid, out
 from .options import OptionalPath, OptionalText, check_drawn, check_unused
 
 if TYPE_CHECKING:
@@ -129,9 +129,8 @@ def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path)
     """Draw the robot; doubts on meshes that should be in the picture and cannot be."""
     from stancekit.planners.robot.meshes import unseen
     from stancekit.views.robots import TRIANGLES, draw_robot
-    from stancekit.views.sheet import save
 
-    save(draw_robot(model, [each for each in workspaces if each is not None]), picture)
+    draw_to_file(draw_robot(model, [each for each in workspaces if each is not None]), picture)
     return list(unseen(model.shapes, TRIANGLES))
 
 

@@ -17,7 +17,18 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, err, facts, out, progress, say, tell
+from .console import (
+    as_options,
+    complain,
+    draw_to_file,
+    emit,
+    err,
+    facts,
+    out,
+    progress,
+    say,
+    tell,
+)
 from .options import (
     OptionalFloat,
     OptionalInt,
@@ -407,9 +418,8 @@ class RunMotion:
         if self.picture is not None and self.log is not None:
             from stancekit.runner.log import read_log
             from stancekit.views.gait_plot import draw_tracking
-            from stancekit.views.sheet import save
 
-            save(draw_tracking(read_log(self.log)), self.picture)
+            draw_to_file(draw_tracking(read_log(self.log)), self.picture)
         try:
             if self.json:
                 emit({"plan": str(self.plan), **record})
@@ -703,9 +713,7 @@ class Replay:
             **(differences(tracked(recorded)) if commands else {}),
         }
         if self.picture is not None:
-            from stancekit.views.sheet import save
-
-            save(draw_tracking(recorded), self.picture)
+            draw_to_file(draw_tracking(recorded), self.picture)
         tell(self.json, record, _replay_table(record))
         say(() if self.json else (self.picture,), "written: {}")
         return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import as_options, facts, progress, say, tell
+from .console import as_options, draw_to_file, facts, progress, say, tell
 from .options import (
     OF_FILE,
     FileMeaning,
@@ -98,10 +98,9 @@ class ShowTerrain:
         places = {key: place(each, f"--{key}") for key, each in asked.items() if each is not None}
         footholds = self._found()
         if self.picture is not None:
-            from stancekit.views.sheet import save
             from stancekit.views.terrain import draw_footholds
 
-            save(draw_footholds(footholds, places), self.picture)
+            draw_to_file(draw_footholds(footholds, places), self.picture)
         if self.html is not None:
             from stancekit.views.page import write_page
             from stancekit.views.terrain import foothold_motion
@@ -268,9 +267,8 @@ class MapTerrain:
             standing.save(self.out)
         if self.picture is not None:
             from stancekit.views.maps import draw_standing_map
-            from stancekit.views.sheet import save
 
-            save(draw_standing_map(standing), self.picture)
+            draw_to_file(draw_standing_map(standing), self.picture)
         tell(self.json, standing.to_json(), _standing_table(standing))
         say(() if self.json else (self.out, self.picture), "wrote {}")
         return 0
@@ -364,9 +362,8 @@ class Warp:
             fit.map.to_file(self.out)
         if self.picture is not None:
             from stancekit.views.maps import draw_map
-            from stancekit.views.sheet import save
 
-            save(draw_map(fit.map, terrain, fit.report), self.picture)
+            draw_to_file(draw_map(fit.map, terrain, fit.report), self.picture)
         tell(self.json, fit.report.to_json(), _warp_table(fit.report))
         return 0 if fit.report.least_det > 0.0 else 1
 
