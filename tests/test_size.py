@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1353, 16627),
-    "cli": (3209, 38988),
+    "api": (1359, 16778),
+    "cli": (3193, 38887),
     "configs": (3, 30),
-    "envs": (3082, 42560),
-    "learners": (5259, 77682),
-    "planners": (34989, 577582),
-    "runner": (6499, 89402),
-    "views": (4302, 68799),
+    "envs": (3069, 42464),
+    "learners": (5251, 77465),
+    "planners": (35017, 577914),
+    "runner": (6496, 89327),
+    "views": (4297, 68658),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
