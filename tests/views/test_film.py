@@ -242,8 +242,8 @@ def test_bodies_are_where_the_scene_has_them(shape, across, up):
 @pytest.mark.usefixtures("gl")
 def test_terrain_may_be_one_triangle():
     corners = np.array([[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.0, 0.0, 0.5]])
-    facet = Facet(corners_m=corners, normal=np.array([0.0, -1.0, 0.0]), colour="red")
-    assert extent("red", *seen(facets=[facet])) == pytest.approx((-0.5, 0.5) * 2, abs=0.03)
+    found = seen(facets=[Facet(corners_m=corners, normal=-np.eye(3)[1], colour="red")])
+    assert extent("red", *found) == pytest.approx((-0.5, 0.5) * 2, abs=0.03)
 
 
 @pytest.mark.usefixtures("gl")
