@@ -120,12 +120,29 @@ def export(
         raise InvalidInput(
             f"count: expected a family's level with it, as rough:0.1, got {_called(subject)}"
         )
+    is_rows = isinstance(subject, Dataset) or (
+        isinstance(subject, str | Path) and (to == _MINARI or folder_of(subject).is_dir())
+    )
+    kind, used = (
+        ("drawn walks", ("robot", "rate_hz"))
+        if is_draw
+        else ("a data set", ("room",))
+        if is_rows
+        else ("a motion", ("rate_hz",))
+    )
+    for name, came, usual in (
+        ("robot", robot, "anymal"),
+        ("room", room, 0.02),
+        ("rate_hz", rate_hz, RATE_HZ),
+    ):
+        if came != usual and name not in used:
+            raise InvalidInput(f"{name}: expected none with {kind}, got {came}")
     if is_draw:
         assert isinstance(subject, str)
         if count is None:
             raise InvalidInput(f"count: expected how many motions over {subject}, got none")
         return _drawn(subject, path, to or "reference", rate_hz, count, str(robot), progress)
-    if _is_rows(subject) or (to == _MINARI and isinstance(subject, str | Path)):
+    if is_rows:
         assert not isinstance(subject, Motion)
         return _rows(subject, path, to or _MINARI, room, progress)
     assert not isinstance(subject, Dataset)
@@ -169,12 +186,6 @@ def _called(subject: object) -> str:
         str(subject)
         if isinstance(subject, str | Path)
         else f"a {getattr(subject, 'word', 'Dataset')}"
-    )
-
-
-def _is_rows(subject: object) -> bool:
-    return isinstance(subject, Dataset) or (
-        isinstance(subject, str | Path) and folder_of(subject).is_dir()
     )
 
 

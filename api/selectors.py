@@ -21,7 +21,13 @@ from stancekit.learners.evaluation.evaluate import (
 )
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import Learned, load_selector
-from stancekit.learners.training.fitting import SPREAD as SPREAD, FitSettings, learn, missing
+from stancekit.learners.training.fitting import (
+    FURTHER as FURTHER,
+    KNOBS,
+    FitSettings,
+    learn,
+    missing,
+)
 from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput, located, not_installed
 from stancekit.planners.files.arrays import checked_int
@@ -177,8 +183,8 @@ def fit(
             "FILE.py:NAME". "surrogate" learns feasibility itself, for ``screen``, of one data set
             or of several of one class; it needs torch. Of tries of leaps: "additive", a logistic
             sum over the toes, and "set", a network that sees all candidates; both need torch.
-        calibration: rows to calibrate a neural selector on; None for a part of the data set. For
-            "surrogate" further rows, in addition to that part.
+        calibration: rows to calibrate "neural" and "joint" on, and to draw the curve of "rl" on;
+            None for a part of the data set. For "surrogate" further rows, in addition to that part.
         checkpoint: file ("rl": folder) by which a method that takes long goes on where it was
             stopped: all but "heuristic", "quantile", "modes" and both of mixtures.
         workers: processes of "ga", or an executor; the result does not depend on them.
@@ -206,11 +212,15 @@ def fit(
         ('RF', 'RR', 'LM')
     """
     kept = None if checkpoint is None else Path(checkpoint)
+    given = {
+        "calibration": calibration is not None,
+        "checkpoint": kept is not None,
+        "workers": workers != 1,
+    }
+    for name, users in FURTHER.items():
+        if given[name] and method in KNOBS and method not in users:
+            raise InvalidInput(f"{name}: expected none but with {', '.join(users)}, got {method}")
     if method in KINDS:
-        if calibration is not None or workers != 1:
-            raise InvalidInput(
-                f"method: expected no calibration or workers with {method}, got some"
-            )
         return _scorer(dataset, method, settings, progress, kept)
     if isinstance(dataset, LeapTries):
         raise InvalidInput(
@@ -218,15 +228,9 @@ def fit(
         )
     several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
     if method == _SURROGATE:
-        if workers != 1:
-            raise InvalidInput(f"method: expected no workers with {method}, got some")
         return _surrogate(several, calibration, settings, progress, kept)
     rows, typed_settings = [rows_of(each) for each in several], typed(FitSettings, settings, "")
     typed_settings.check_used(method)
-    if workers != 1 and method not in SPREAD:
-        raise InvalidInput(
-            f"workers: expected 1 with a method other than {', '.join(SPREAD)}, got {workers}"
-        )
     return learn(
         method,
         rows,
@@ -298,6 +302,8 @@ def settings_of(
                 f"{config}: {name}: expected as an option, --{name.replace('_', '-')}"
             )
     FitSettings(**given).check_used(method)  # what is wrong with these is not the file's fault
+    if method in (_SURROGATE, *KINDS):
+        return {"seed": given["seed"], **extra}
     with located(str(config or "--config")):
         settings = typed(FitSettings, {**given, **extra}, "")
         settings.check(method)

@@ -103,6 +103,9 @@ def map(
 
     if fit and surrogate is not None:
         raise InvalidInput("fit: expected none with a surrogate, which is learned already")
+    for name, came, usual in (("error", error, 0.005), ("seed", seed, 0)):
+        if came != usual and not fit and surrogate is None:
+            raise InvalidInput(f"{name}: expected fit or a surrogate with it, got neither")
     path = None if checkpoint is None else Path(checkpoint)
     if path is not None and path.suffix != ".npz":
         raise InvalidInput(f"checkpoint: expected a name that ends in .npz, got {path}")

@@ -224,12 +224,13 @@ def spread(values: ArrayLike) -> str:
 
 def share(count: int, of: int) -> str:
     """A count of so many with the share and its 95 % interval (Wilson), in percent."""
+    from stancekit.learners.evaluation.evaluate import Share  # slow to import
+
     if not of:
         return "0 of 0"
-    z, p = 1.96, count / of
-    middle, half = p + z * z / (2 * of), z * np.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
-    low, high = ((middle + sign * half) / (1 + z * z / of) for sign in (-1, 1))
-    return f"{count} of {of}, {100 * p:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
+    counted = Share(hits=count, of=of)
+    low, high = counted.interval
+    return f"{count} of {of}, {100 * counted.value:.1f} % [{100 * low:.1f}, {100 * high:.1f}]"
 
 
 def upper_end(count: int, of: int) -> float:

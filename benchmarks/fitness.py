@@ -19,7 +19,7 @@ from matplotlib.ticker import MaxNLocator
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.formats.question_file import read_envelopes
-from stancekit.views.sheet import DEFAULT_STYLE, INK, LEG_COLOURS, RULE, save, sheet
+from stancekit.views.sheet import DEFAULT_STYLE, INK, LEG_COLOURS, headline, quiet_axes, save, sheet
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,17 +48,16 @@ def draw_learned(provenance: Mapping[str, Any], title: str) -> Figure:
     name, number, half = str(provenance.get("method", "ga")), np.arange(len(means)), variances**0.5
     figure, colour = sheet((1200, 640), (1200, 640)), LEG_COLOURS[0]
     axes = figure.add_axes((0.07, 0.11, 0.9, 0.78))
-    axes.fill_between(number, means - half, means + half, color=colour, alpha=0.15, lw=0)
+    most = np.minimum(means + half, best)  # nobody is fitter than the best
+    axes.fill_between(number, means - half, most, color=colour, alpha=0.15, lw=0)
     axes.plot(number, means, color=colour, lw=1.8, label=f"{name}: mean ± standard deviation")
     axes.plot(number, best, color=colour, lw=1.2, ls=(0, (4, 2)), label=f"{name}: best")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.grid(axis="y", color=RULE, lw=0.8)
-    axes.set_axisbelow(True)
     axes.set_xlabel("generation", color=INK)
     axes.set_ylabel("fitness: 1 − a − ρ max(0, b − δ)", color=INK)
-    axes.set_title(title, color=INK, loc="left", size=13)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.set_ylim(float(min(means.min(), 0.0)), 1.05)
+    headline(figure, title, "lower ends of the band beyond the axis are cut off")
+    quiet_axes(axes)
     axes.legend(frameon=False, loc="lower right")
     return figure
 

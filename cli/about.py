@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .console import emit, out, progress
+from .console import emit, out, progress, say
 
 DOCUMENTED_S = 5.9
 """CPU time of 1,000 cold solves on the computer that measured the figures of the documentation
@@ -44,8 +44,7 @@ class About:
         if self.json:
             emit(record | {"documented_s": DOCUMENTED_S})
             return 0
-        for line in _lines(record):
-            out.print(line, highlight=False)
+        say(_lines(record))
         return 0
 
 
@@ -118,14 +117,14 @@ class Demo:
                 return code
         folder = self.out.resolve()
         out.print()
-        for line in (
+        lines = (
             f"Made: a plan, its verdict, its run in MuJoCo, three pictures and a page, in {folder}",
             f"Look: open {folder / 'climb.html'} in a browser and turn it; posture.png, climb.png, "
             "run.png",
             "Next: stancekit play walls; yours: stancekit plan MESH --robot URDF --start X,Y "
             "--goal X,Y --html FILE",
-        ):
-            out.print(line, highlight=False)
+        )
+        say(lines)
         return 0
 
     def _check(self) -> None:

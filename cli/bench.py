@@ -16,9 +16,17 @@ from rich.console import Console
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, err, grid, out, stages
+from .console import as_options, draw_to_file, emit, err, grid, out, say, stages
 from .fit import score_table
-from .options import ROBOT, TERRAIN, OptionalFloat, OptionalInt, OptionalPath, OptionalText
+from .options import (
+    ROBOT,
+    TERRAIN,
+    OptionalFloat,
+    OptionalInt,
+    OptionalPath,
+    OptionalText,
+    check_unused,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -67,7 +75,6 @@ class _BenchEnvelopes:
         from stancekit.learners.evaluation import evaluate
         from stancekit.learners.evaluation.evaluate import Experiment
         from stancekit.planners.files.writing import make_folder, write_text
-        from stancekit.views.sheet import save
 
         arguments = {
             "problems": list(self.problem) or None,
@@ -94,7 +101,7 @@ class _BenchEnvelopes:
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
                 write_text(folder / "table.md", evaluate.page(table, experiment))
-                save(result.picture(), folder / f"{result.problem_class}.png")
+                draw_to_file(result.picture(), folder / f"{result.problem_class}.png")
                 if self.json:
                     for record in records:
                         emit(record)
@@ -173,8 +180,7 @@ class _BenchPlanner:
             Console(width=max(out.width, _WIDTH), soft_wrap=True).print(table(rows))
             for method in dict.fromkeys(row["method"] for row in rows if "over_solver" in row):
                 out.print(f"{method}: CPU s ~ M^{planner_bench.growth(rows, method):.2f}")
-            for line in speed_ups(rows):
-                out.print(line)
+            say(speed_ups(rows))
             out.print(f"cells and table: {folder}")
         return 0
 
@@ -260,6 +266,8 @@ def _figure(value: float | None) -> str:
 
 METHODS = ("random", "noise", "noise-again", "rule-tuned", "farkas", "finder", "finder-tuned")
 _LEAPS = "LeapChoice-v0"
+_OF_LEAPS = ("scorer", "method", "distribution", "solves", "cpu_s", "oracle_solves")
+"""Options that other environments do not use."""
 _QUICK = 40
 """Scenes of a quick look."""
 
@@ -316,6 +324,8 @@ class _BenchRoom:
 
             for name in others:
                 checked_choice(name, "--environment", (_LEAPS, *ENVIRONMENTS))
+        if _LEAPS not in self.environment:
+            check_unused(self, _OF_LEAPS, ", ".join(self.environment))
         rooms = [
             line
             for name in self.environment
@@ -478,7 +488,7 @@ class BenchGait:
     out: OptionalPath = None
     """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is
     none."""
-    tables_only: Annotated[bool, tyro.conf.arg(name="kept")] = False
+    kept: bool = False
     """Measure nothing: the tables of what the folder has."""
     json: bool = False
     """One JSON object a cell."""
@@ -492,7 +502,7 @@ class BenchGait:
         settings = self._settings()
         checked_int(self.workers, "--workers", least=1)
         folder = self.out or Path("out/bench-gait-quick" if self.quick else "out/bench-gait")
-        if not self.tables_only:
+        if not self.kept:
             make_folder(folder)
         elif not folder.is_dir():
             raise InvalidInput(
@@ -500,7 +510,7 @@ class BenchGait:
             )
         measure = (
             (lambda _: gait_bench.kept(settings, folder))
-            if self.tables_only
+            if self.kept
             else partial(gait_bench.run, settings, folder, workers=self.workers)
         )
         rows = _measured("bench gait", measure, as_json=self.json)
@@ -512,8 +522,7 @@ class BenchGait:
             wide = out if out.is_terminal else Console(width=_WIDEST)
             for made in (success_table(records), _speed_table(records), _motion_table(records)):
                 wide.print(made)
-            for line in (*_comparisons(rows), *products(records)):
-                out.print(line, highlight=False)
+            say((*_comparisons(rows), *products(records)))
         drawings = gait_bench.draw(rows, folder)
         if not self.json:
             names = ", ".join(sorted({path.stem.partition("-")[0] for path in drawings}))

@@ -25,6 +25,7 @@ from rich.segment import Segment
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.table import Table
     from rich.text import Text
 
@@ -202,10 +203,17 @@ def facts(
     return grid(columns, [row for row in rows if row[1]], box=None, show_header=False)
 
 
-def say_written(*paths: Path | None, word: str = "wrote {}") -> None:
-    """Say which files were written, of those that were asked for."""
-    for path in filter(None, paths):
-        out.print(word.format(path), highlight=False)
+def draw_to_file(figure: Figure, path: Path) -> None:
+    """Write a picture."""
+    from stancekit.views.sheet import save  # loads matplotlib
+
+    save(figure, path)
+
+
+def say(lines: Iterable[object], word: str = "{}") -> None:
+    """Print lines, or names of files, those that there are, each in these words."""
+    for line in filter(None, lines):
+        out.print(word.format(line), highlight=False)
 
 
 class _Lines:

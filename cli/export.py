@@ -15,7 +15,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress, tell, text_of
-from .options import PROJECTION, OptionalInt, OptionalPath, OptionalText, check_out
+from .options import PROJECTION, OptionalInt, OptionalPath, OptionalText, check_out, check_unused
 
 if TYPE_CHECKING:
     from stancekit import Exported, ExportedMotions
@@ -69,7 +69,10 @@ class Export:
         """Export, and say what was written."""
         from stancekit import ExportedMotions, export
 
-        with as_options("to", "out", "rate_hz", "count", "room"), progress("export") as bar:
+        with (
+            as_options("to", "out", "rate_hz", "count", "robot", "room"),
+            progress("export") as bar,
+        ):
             done = export(
                 self.subject,
                 self.out,
@@ -153,10 +156,15 @@ class Picture:
         text, content = text_of(self.file), None
         with suppress(ValueError):
             content = loads(text)
+        record: dict[str, Any] = {"where": str(self.file), "out": str(self.out)}
         if is_evidence(content):
+            of = "the file of a motion or a proof"
+            check_unused(self, ("index", "method", "envelopes", "projection"), of)
             draw(load(self.file), out=self.out)
-            out.print(f"{self.out}: {self.file}", highlight=False)
+            tell(self.json, record, f"{self.out}: {self.file}")
             return 0
+        staged, boxed = self.method in ("lift", "two-stage"), self.method == "two-stage"
+        check_unused(self, () if staged else ("projection",), f"--method {self.method}")
         problems = list(read_problems(text, str(self.file)))
         if not 0 <= self.index < len(problems):
             raise InvalidInput(
@@ -173,7 +181,6 @@ class Picture:
                 raise InvalidInput(f"{where}: {error}") from None
         caption, why, answer, chosen, status = "", "", None, 0, None
         if self.method != "none":
-            staged, boxed = self.method in ("lift", "two-stage"), self.method == "two-stage"
             settings: dict[str, Any] = {"projection": self.projection} if staged else {}
             if boxed and envelopes is not None:
                 settings["envelopes"] = envelopes
@@ -188,7 +195,7 @@ class Picture:
         draw(problem, answer, envelope=envelope, caption=caption, out=self.out)
         tell(
             self.json,
-            {"where": where, "out": str(self.out), "method": self.method, "status": status},
+            record | {"where": where, "method": self.method, "status": status},
             f"{self.out}: {'; '.join(filter(None, (caption, why))) or 'the scene alone'}",
         )
         return 0

@@ -16,7 +16,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput, not_installed
 
-from .console import as_options, emit, grid, out, progress, stages, tell
+from .console import as_options, draw_to_file, emit, grid, out, progress, stages, tell
 from .options import (
     PROJECTION,
     ROBOT,
@@ -26,6 +26,7 @@ from .options import (
     OptionalText,
     check_drawn,
     check_out,
+    check_unused,
     named,
 )
 
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 
 _LEAP_SCORES = ("additive", "set")
 """Methods that learn from tries of leaps."""
+_UNUSED = ("robot", "terrain")
+"""Options that those do not use."""
 _SURROGATE = "surrogate"
 """The method that learns feasibility itself."""
 _SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
@@ -98,10 +101,11 @@ class Fit:
     """YAML file with the settings of ga, neural and rl, each under its name (ga: genetic),
     or with those of surrogate, additive and set."""
     calibration: OptionalPath = None
-    """Data set folder to calibrate a neural selector on; without it a part of the data set is kept
+    """Data set folder to calibrate neural, joint and rl on; without it a part of the data set is kept
     for that. Of surrogate: further rows to calibrate on."""
     checkpoint: OptionalPath = None
-    """File (rl: folder) by which a method that takes long goes on where it was stopped."""
+    """File (rl: folder) by which a method that takes long goes on where it was stopped: all but
+    heuristic, quantile, modes and both of gmm."""
     workers: int = 1
     """Processes of ga, which tests a generation on all of them; the result does not depend on
     them."""
@@ -115,8 +119,7 @@ class Fit:
     def run(self) -> int:
         """Fit and write."""
         from stancekit import Modes
-        from stancekit.planners.files.documents import read_yaml
-        from stancekit.selectors import fit, rows_of
+        from stancekit.selectors import FURTHER, executor, fit, rows_of, settings_of
 
         check_out(self.out)
         if not self.dataset:
@@ -126,20 +129,28 @@ class Fit:
             raise InvalidInput(
                 f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
             )
+        spread = self.method in FURTHER["workers"]
+        unused = (() if spread else ("executor", "address")) + (_UNUSED if scores else ())
+        check_unused(self, unused, f"--method {self.method}")
+        workers: Executor | int = self.workers
+        if spread:
+            with as_options():
+                workers = executor(self.executor, workers=self.workers, address=self.address)
+        with as_options(*_SETTINGS):
+            given = {name: getattr(self, name) for name in _SETTINGS}
+            settings = settings_of(self.method, given, self.config)
         rows: Any = self.dataset[0]
-        if not scores:
-            rows = [rows_of(each, self.part, self.robot, self.terrain) for each in self.dataset]
-        if scores or self.method == _SURROGATE:
-            settings = {"seed": self.seed} | ({"part": self.part} if scores else {})
-            settings |= {} if self.config is None else read_yaml(self.config)
+        if scores:
+            settings = {"part": self.part, **settings}
         else:
-            settings = self._settings() | {"workers": self._executor()}
-        with progress(f"fit {self.method}") as bar:
+            rows = [rows_of(each, self.part, self.robot, self.terrain) for each in self.dataset]
+        with as_options(*FURTHER), progress(f"fit {self.method}") as bar:
             learned: Any = fit(
                 rows,
                 self.method,
                 calibration=self.calibration,
                 checkpoint=self.checkpoint,
+                workers=workers,
                 progress=bar,
                 **settings,
             )
@@ -213,48 +224,6 @@ class Fit:
             )
         tell(self.json, record, line)
         return 0
-
-    def _executor(self) -> Executor | int:
-        """Executor in which generations run; 1 where the method has none.
-
-        Raises InvalidInput for another wish there.
-        """
-        from stancekit.selectors import SPREAD, executor
-
-        options = {
-            "workers": self.workers != 1,
-            "executor": self.executor != "processes",
-            "address": self.address,
-        }
-        for name, wanted in options.items():
-            if wanted and self.method not in SPREAD:
-                raise InvalidInput(
-                    f"--{name}: expected with --method {' or '.join(SPREAD)}, got {self.method}"
-                )
-        if self.method not in SPREAD:
-            return 1
-        with as_options():
-            return executor(self.executor, workers=self.workers, address=self.address)
-
-    def _settings(self) -> dict[str, Any]:
-        """The options and what the configuration file adds.
-
-        Raises InvalidInput.
-        """
-        from stancekit.planners.files.arrays import checked_int
-        from stancekit.selectors import settings_of
-
-        checked_int(self.seed, "--seed", least=0)
-        if not 0.0 <= self.threshold < 1.0:
-            raise InvalidInput(f"--threshold: expected a number in [0, 1), got {self.threshold:g}")
-        if not self.time_limit_s > 0.0:
-            raise InvalidInput(
-                f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}"
-            )
-        with as_options(*_SETTINGS):
-            return settings_of(
-                self.method, {name: getattr(self, name) for name in _SETTINGS}, self.config
-            )
 
 
 @dataclass
@@ -396,6 +365,8 @@ class Evaluate:
         )
 
         check_drawn(self.picture)
+        if self.markdown:
+            check_unused(self, ("json",), "--markdown")
         if not self.projection:
             raise InvalidInput("--projection: expected one or more projections, got none")
         for name in self.projection:
@@ -433,9 +404,7 @@ class Evaluate:
                 )
         comparison = Comparison(problem_class=rows.problem_class, scores=tuple(scores))
         if self.picture is not None:
-            from stancekit.views.sheet import save
-
-            save(comparison.picture(), self.picture)
+            draw_to_file(comparison.picture(), self.picture)
         if self.markdown:
             out.print(comparison.markdown(), soft_wrap=True, markup=False)
         elif self.json:

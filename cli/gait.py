@@ -12,7 +12,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 
-from .console import as_options, complain, emit, err, out, watching
+from .console import as_options, complain, draw_to_file, emit, err, out, say, watching
 from .options import (
     OF_FILE,
     OptionalFloat,
@@ -21,6 +21,7 @@ from .options import (
     OptionalText,
     TerrainFile,
     check_drawn,
+    check_unused,
     heading,
     place,
 )
@@ -325,9 +326,8 @@ class PlanGait:
         written = self._write(best)
         if self.picture is not None:
             from stancekit.views.gaits import draw_motion
-            from stancekit.views.sheet import save
 
-            save(draw_motion(best.trajectory, best.report, warp=_map(best)), self.picture)
+            draw_to_file(draw_motion(best.trajectory, best.report, warp=_map(best)), self.picture)
         show(best.trajectory, video=self.video, html=self.html)
         if written or not best.solution.success:
             checkpoint.remove()
@@ -372,6 +372,8 @@ class PlanGait:
             check_name(self.out)
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
+        if not self.adhesive:
+            check_unused(self, ("suction_n",), "no --adhesive FEET")
         files = [path for path in (self.picture, self.video, self.html) if path is not None]
         twice = [path for path in files if files.count(path) > 1]
         if twice:
@@ -484,8 +486,7 @@ class PlanGait:
 
     def _say(self, plan: Attempts, best: Attempted, written: bool) -> None:
 
-        for line in words(plan):
-            out.print(line, highlight=False)
+        say(words(plan))
         if (loads := joints(best)) is not None:
             parts = [
                 f"{name} {each['value']:.2g}{'' if each['unit'] == '1' else ' ' + each['unit']}"
@@ -493,12 +494,9 @@ class PlanGait:
                 for name, each in loads.items()
             ]
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
-        if best.solution.success and best.report.remark:
-            out.print(best.report.remark, highlight=False)
-        for line in best.trajectory.robot.unrunnable:
-            out.print(f"cannot be run: {line}", highlight=False)
-        for line in best.trajectory.robot.doubts:
-            out.print(f"doubt: {line}", highlight=False)
+        say([best.report.remark] if best.solution.success else [])
+        say(best.trajectory.robot.unrunnable, "cannot be run: {}")
+        say(best.trajectory.robot.doubts, "doubt: {}")
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

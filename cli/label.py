@@ -14,7 +14,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import Show, as_options, emit, out, progress, tell
+from .console import Show, as_options, emit, out, progress, say, tell
 from .options import (
     DISTRIBUTION,
     ROBOT,
@@ -25,6 +25,7 @@ from .options import (
     OptionalPath,
     OptionalText,
     check_out,
+    check_unused,
 )
 
 if TYPE_CHECKING:
@@ -94,11 +95,7 @@ class Sample:
         """Write the scenes of a family."""
         from stancekit.datasets import export_scenes
 
-        for name in ("robot", "terrain", "out"):
-            if getattr(self, name) is not None:
-                raise InvalidInput(
-                    f"--{name}: expected none with --export, got {getattr(self, name)}"
-                )
+        check_unused(self, ("robot", "terrain", "out"), "--export")
         with as_options("export"), progress("scenes") as bar:
             statuses = export_scenes(self.problem, folder, self.count, seed=self.seed, progress=bar)
         counts = {
@@ -210,10 +207,8 @@ class LabelPostures:
 
         leaps = is_leap_class(self.problem)
         with as_options(*_SETTINGS):
-            for name in _OF_POSTURES if leaps else _OF_LEAPS:
-                if (setting := getattr(self, name)) is not None and setting is not False:
-                    of = f"leaps of {self.problem}" if leaps else "postures"
-                    raise InvalidInput(f"--{name}: expected none with {of}, got {setting}")
+            of = f"leaps of {self.problem}" if leaps else "postures"
+            check_unused(self, _OF_POSTURES if leaps else _OF_LEAPS, of)
             few = not leaps and sum(self._rows()) <= _FEW
             usual = 1 if few else max(os.cpu_count() or 1, 1)
             where = executor(
@@ -227,8 +222,7 @@ class LabelPostures:
             emit(record)
             return 0
         out.print(str(self.folder))
-        for line in remarks:
-            out.print(f"  {line}", highlight=False)
+        say(remarks, "  {}")
         for name, value in record.items():
             out.print(f"  {name:15} {_plain(value)}")
         return 0

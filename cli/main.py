@@ -15,6 +15,7 @@ from contextlib import contextmanager, nullcontext, redirect_stderr, redirect_st
 from importlib import import_module
 from itertools import dropwhile, takewhile
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 _DESCRIPTION = """Legged robots learn and plan on hard terrain.
@@ -48,30 +49,32 @@ _RARELY = (200_000, 20, 20)
 """Objects made between two searches for those that only hold each other, and how many searches make
 one of older objects."""
 
-COMMANDS = {
-    "sample": "label:Sample",
-    "solve": "solve:SolvePostures",
-    "verify": "verify:Verify",
-    "label": "label:LabelPostures",
-    "fit": "fit:Fit",
-    "train": "fit:Train",
-    "evaluate": "fit:Evaluate",
-    "picture": "export:Picture",
-    "export": "export:Export",
-    "plan": "plan:PlanCourse",
-    "play": "play:Play",
-    "simulate": "run:Simulate",
-    "terrain": "terrain:ShowTerrain",
-    "map": "terrain:MapTerrain",
-    "run": "run:RunMotion",
-    "replay": "run:Replay",
-    "robot": "robot:ShowRobot",
-    "warp": "terrain:Warp",
-    "gait": "gait:PlanGait",
-    "bench": "bench:Bench",
-    "demo": "about:Demo",
-    "about": "about:About",
-}
+COMMANDS = MappingProxyType(
+    {
+        "sample": "label:Sample",
+        "solve": "solve:SolvePostures",
+        "verify": "verify:Verify",
+        "label": "label:LabelPostures",
+        "fit": "fit:Fit",
+        "train": "fit:Train",
+        "evaluate": "fit:Evaluate",
+        "picture": "export:Picture",
+        "export": "export:Export",
+        "plan": "plan:PlanCourse",
+        "play": "play:Play",
+        "simulate": "run:Simulate",
+        "terrain": "terrain:ShowTerrain",
+        "map": "terrain:MapTerrain",
+        "run": "run:RunMotion",
+        "replay": "run:Replay",
+        "robot": "robot:ShowRobot",
+        "warp": "terrain:Warp",
+        "gait": "gait:PlanGait",
+        "bench": "bench:Bench",
+        "demo": "about:Demo",
+        "about": "about:About",
+    }
+)
 """The module and the class of every command; it is imported when it is asked for."""
 ENTRY_POINTS = "stancekit.commands"
 """The group of entry points by which other packages bring commands: NAME = "module:CLASS". They
@@ -168,7 +171,9 @@ def parse(arguments: Sequence[str]) -> _Command:
         known = ", ".join((*COMMANDS, *_others()))
         complain(f"stancekit: error: COMMAND: expected one of {known}, got {arguments[0]!r}")
         sys.exit(2)
-    for name, count in Counter(filter(None, map(_option, arguments[1:]))).items():
+    for name, count in Counter(
+        each.split("=")[0] for each in arguments[1:] if each.startswith("--")
+    ).items():
         if count > 1:  # else the last one would silently count alone
             complain(
                 f"stancekit: error: {name}: expected once, got it {count} times; see stancekit "
@@ -292,11 +297,6 @@ def _without(said: str) -> str:
 def _missing(said: str) -> str:
     match = re.match(r"Missing from stancekit [a-z -]+: (--[\w-]+|[A-Z_]+)", said)
     return "" if match is None else f"{match[1]}: expected a value for it, got none"
-
-
-def _option(argument: str) -> str:
-    """The name of an option, without its value; empty if the argument is not an option."""
-    return argument.split("=")[0] if argument.startswith("--") else ""
 
 
 def _command(name: str) -> type[_Command]:

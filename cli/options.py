@@ -9,12 +9,13 @@ import dataclasses
 import math
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import cache, partial
 from inspect import cleandoc
 from pathlib import Path
+from types import MappingProxyType
 from typing import (
     TYPE_CHECKING,
     Annotated,
@@ -107,40 +108,42 @@ def _texts(cls: type[Any]) -> Mapping[str, str]:
     }
 
 
-NAMES = {
-    "stancekit.planners.projection.project:PROJECTIONS": (
-        "stancekit.projections",
-        ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
-    ),
-    "stancekit.planners.relaxation.relaxed:RELAXATIONS": (
-        "stancekit.relaxations",
-        ("p1", "joint", "coned", "lift"),
-    ),
-    "stancekit.planners.search.methods:METHODS": (
-        "stancekit.planners",
-        ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
-    ),
-    "stancekit.planners.search.methods:COURSE_METHODS": (
-        "stancekit.planners",
-        ("two-stage", "micp", "nlp", "decoupled", "exact"),
-    ),
-    "stancekit.learners.training.fitting:METHODS": (
-        "stancekit.methods",
-        (
-            "heuristic",
-            "quantile",
-            "gmm-printed",
-            "gmm",
-            "ga",
-            "gradient",
-            "modes",
-            "neural",
-            "joint",
-            "rl",
+NAMES = MappingProxyType(
+    {
+        "stancekit.planners.projection.project:PROJECTIONS": (
+            "stancekit.projections",
+            ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
         ),
-    ),
-    "stancekit.learners.selectors.selector:SELECTORS": ("stancekit.selectors", ()),
-}
+        "stancekit.planners.relaxation.relaxed:RELAXATIONS": (
+            "stancekit.relaxations",
+            ("p1", "joint", "coned", "lift"),
+        ),
+        "stancekit.planners.search.methods:METHODS": (
+            "stancekit.planners",
+            ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
+        ),
+        "stancekit.planners.search.methods:COURSE_METHODS": (
+            "stancekit.planners",
+            ("two-stage", "micp", "nlp", "decoupled", "exact"),
+        ),
+        "stancekit.learners.training.fitting:METHODS": (
+            "stancekit.methods",
+            (
+                "heuristic",
+                "quantile",
+                "gmm-printed",
+                "gmm",
+                "ga",
+                "gradient",
+                "modes",
+                "neural",
+                "joint",
+                "rl",
+            ),
+        ),
+        "stancekit.learners.selectors.selector:SELECTORS": ("stancekit.selectors", ()),
+    }
+)
 """By registry, or by tuple of our own names: the group of other packages' names, and our own,
 for which `--help` would else load solvers and networks (a test holds them to be those that there
 are)."""
@@ -175,6 +178,18 @@ OptionalFloat: TypeAlias = Annotated[Optional[float], tyro.conf.arg(metavar="FLO
 OptionalWrench: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="FX,FY,FZ[,MX,MY,MZ]")]  # noqa: UP045
 OptionalText: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="TEXT")]  # noqa: UP045
 LONGEST_S = 1e6
+
+
+def check_unused(options: Any, names: Iterable[str], of: str) -> None:
+    """Raise InvalidInput for one of these options that was given.
+
+    Arguments:
+        options: the data class of the options.
+        of: what has no use for them.
+    """
+    for name in names:
+        if (came := getattr(options, name)) != getattr(type(options), name):
+            raise InvalidInput(f"--{name.replace('_', '-')}: expected none with {of}, got {came}")
 
 
 @dataclass
@@ -301,19 +316,6 @@ def wrench_numbers(text: str | None) -> tuple[float, ...] | None:
         ) from None
 
 
-_OF_FILES = (
-    "kind",
-    "spacing_m",
-    "unit_m",
-    "up",
-    "offset_m",
-    "crop_m",
-    "holes",
-    "most_triangles",
-    "smooth_m",
-    "grid_m",
-)
-
 _OF_WALKS = ("heights_m", "smooth_m")
 """Options of files that are no field of ``ImportOptions`` by this name."""
 OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
@@ -428,17 +430,9 @@ def in_options() -> Iterator[None]:
         yield
     except InvalidInput as error:
         message = re.sub(r"\bheight_m\b", "--heights-m", str(error))
-        names = "|".join(
-            (
-                *_OF_FILES,
-                "slope_rad",
-                "clearance_m",
-                "margin_m",
-                "width_m",
-                "roughness_m",
-                "noise_m",
-            )
-        )
+        message = re.sub(r"\bclearance_m\b", "--headroom-m", message)
+        known = [each.name for kind in (TerrainFile, FootholdOptions) for each in fields(kind)]
+        names = "|".join([*known, "grid_m"])
         text = re.sub(rf"(?<![-\w.])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
         raise type(error)(text) from None
 

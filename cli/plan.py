@@ -15,7 +15,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput, NoPlace
 
-from .console import as_options, complain, emit, out, progress, results
+from .console import as_options, complain, emit, out, progress, results, say
 from .options import (
     OF_METHOD,
     CourseMethodOptions,
@@ -26,6 +26,7 @@ from .options import (
     OptionalWrench,
     check_drawn,
     check_limit,
+    check_unused,
     named,
     wrench_numbers,
 )
@@ -68,15 +69,12 @@ def _deliver(
     else:
         out.print(_table_of(answer, name))
         if solution is not None and report is not None:
-            for line in filter(None, (*_lines(answer), *_doubts(answer, time_limit_s))):
-                out.print(line, highlight=False)
+            say((*_lines(answer), *_doubts(answer, time_limit_s)))
         refused = (
             "" if report is None or report.accepted else ", of a plan that the verifier refuses"
         )
-        for line in answer.doubts:
-            out.print(f"doubt: {line}", highlight=False)
-        for path in written:
-            out.print(f"wrote {path}{'' if path == proof else refused}", highlight=False)
+        say(answer.doubts, "doubt: {}")
+        say((f"{path}{'' if path == proof else refused}" for path in written), "wrote {}")
     if not accepted:
         complain(f"stancekit: no plan: {name}: {reason or answer.claim or answer.status.value}")
     if proof is not None and proof not in written:
@@ -560,15 +558,13 @@ class PlanCourse:
         """Raise InvalidInput for an option that was given and that a leap has no use for."""
         between = self.between
         for of in (self, self.of_method, between, between.file, between.footholds):
-            plain: Any = PlanCourse(course="") if of is self else cast("Any", type(of))()
-            for name, value in vars(plain).items():
-                unused = is_dataclass(value) or getattr(of, name) == value
-                if unused or ((of is self or of is self.of_method) and name in OF_LEAP):
-                    continue
-                option = name.replace("_", "-")
-                raise InvalidInput(
-                    f"--{option}: expected none with a leap, got {getattr(of, name)}"
-                )
+            used = OF_LEAP if of in (self, self.of_method) else ()
+            names = (
+                name
+                for name, value in vars(of).items()
+                if not is_dataclass(value) and name not in used
+            )
+            check_unused(of, names, "a leap")
 
     def _settings(self) -> PlanSettings:
         """Settings that a plan has to keep and to bear, from the options.
@@ -596,8 +592,9 @@ class PlanCourse:
         that cannot be.
         """
         check_limit(self.time_limit_s)
-        if self.policy is not None:
-            raise InvalidInput(f"--policy: expected a leap with it, got {self.course}")
+        check_unused(self, ("policy",), f"the course {self.course}")
+        if self.between.start is None and not self.leaps:
+            raise InvalidInput("--no-leaps: expected --start and --goal with it, got none")
         self._settings()
         self._check_files()
 

@@ -12,7 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import out
-from .options import OptionalInt, OptionalText, place
+from .options import OptionalInt, OptionalText, check_unused, place
 from .solve import Between
 
 if TYPE_CHECKING:
@@ -73,12 +73,12 @@ class Play:
         from stancekit.views.playground.serving import check_port, served
 
         self._check()
-        if self.between.map is not None:
-            raise InvalidInput(f"--map: expected none with play, got {self.between.map}")
+        check_unused(self.between, ("map",), "play")
         check_port(self.host, self.port)
         robots = tuple(filter(None, (self.robot or "").split(",")))
         first = robots[0] if robots else None
         walks = self.walk or self._is_walk()
+        check_unused(self, ("frames",) if walks else (), "a walk")
         scenario = self._walk(first or "anymal") if walks else self._scenario(first)
         with served(
             scenario, robots=robots, folder=self.folder, host=self.host, port=self.port
@@ -134,6 +134,8 @@ class Play:
         from stancekit.views.playground.scenario import Scenario
 
         if is_leap_file(self.course):
+            check_unused(self, ("frames",), "a leap")
+            check_unused(self.between, ("start", "goal", "friction"), "a leap")
             return Scenario.about(read_leap(self.course, robot))
         suffix = Path(self.course).suffix.lower()
         if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from .console import emit, facts, grid, out
-from .options import OptionalPath, OptionalText, check_drawn
+from .console import draw_to_file, emit, facts, grid, out
+from .options import OptionalPath, OptionalText, check_drawn, check_unused
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -89,7 +89,7 @@ class ShowRobot:
 
         Raises InvalidInput for an option.
         """
-        from stancekit.planners.errors import InvalidInput, install_command, package_command
+        from stancekit.planners.errors import install_command, package_command
         from stancekit.planners.robot.robot_file import (
             BUILT_IN,
             CATALOGUE,
@@ -99,9 +99,7 @@ class ShowRobot:
             read_keys,
         )
 
-        for name, value in (("--picture", self.picture), ("--srdf", self.srdf)):
-            if value is not None:
-                raise InvalidInput(f"{name}: expected a robot with it, got none")
+        check_unused(self, ("picture", "srdf"), "no ROBOT")
         named = {name: read_keys(path).provider for name, path in catalogue().items()}
         named |= {name: provider for name, provider, _ in as_they_come()}
         there = {each: provider_folder(each) is not None for each in set(named.values())}
@@ -131,9 +129,8 @@ def _drawn(model: RobotModel, workspaces: list[Workspace | None], picture: Path)
     """Draw the robot; doubts on meshes that should be in the picture and cannot be."""
     from stancekit.planners.robot.meshes import unseen
     from stancekit.views.robots import TRIANGLES, draw_robot
-    from stancekit.views.sheet import save
 
-    save(draw_robot(model, [each for each in workspaces if each is not None]), picture)
+    draw_to_file(draw_robot(model, [each for each in workspaces if each is not None]), picture)
     return list(unseen(model.shapes, TRIANGLES))
 
 

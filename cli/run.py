@@ -17,7 +17,18 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, err, facts, out, progress, say_written, tell
+from .console import (
+    as_options,
+    complain,
+    draw_to_file,
+    emit,
+    err,
+    facts,
+    out,
+    progress,
+    say,
+    tell,
+)
 from .options import (
     OptionalFloat,
     OptionalInt,
@@ -407,15 +418,14 @@ class RunMotion:
         if self.picture is not None and self.log is not None:
             from stancekit.runner.log import read_log
             from stancekit.views.gait_plot import draw_tracking
-            from stancekit.views.sheet import save
 
-            save(draw_tracking(read_log(self.log)), self.picture)
+            draw_to_file(draw_tracking(read_log(self.log)), self.picture)
         try:
             if self.json:
                 emit({"plan": str(self.plan), **record})
             else:
                 out.print(table)
-                say_written(self.log, self.picture, self.video, word="written: {}")
+                say((self.log, self.picture, self.video), "written: {}")
         except BrokenPipeError:  # nobody reads it, but the exit code is of the robot
             if succeeded:
                 raise
@@ -601,12 +611,12 @@ class Simulate:
         self._write(accepted.plan, execution)
         if self.json:
             doubts = list(accepted.plan.doubts)
-            emit({"plan": str(self.plan), **_simulated(report, execution), "doubts": doubts})
+            verdict = {"succeeded": report.succeeded, "message": _why(report, execution)}
+            emit({"plan": str(self.plan), **execution.to_json(), **verdict, "doubts": doubts})
         else:
             out.print(_simulated_table(report, execution))
-            for line in accepted.plan.doubts:
-                out.print(f"doubt: {line}", highlight=False)
-            say_written(self.picture, self.video, self.out, word="written: {}")
+            say(accepted.plan.doubts, "doubt: {}")
+            say((self.picture, self.video, self.out), "written: {}")
         return 0 if report.succeeded else 1
 
     def _write(self, motion: Motion[Any], execution: Execution) -> None:
@@ -623,11 +633,6 @@ def _why(report: RunReport, run: Execution) -> str:
         return run.message or report.message
     done = f"{report.frames_done:.0f} of {report.frames:.0f} {report.counted}"
     return f"stopped after {done}: {report.message}"
-
-
-def _simulated(report: RunReport, run: Execution) -> dict[str, Any]:
-    """The figures, with the verdict on the whole run."""
-    return run.to_json() | {"succeeded": report.succeeded, "message": _why(report, run)}
 
 
 def _simulated_table(report: RunReport, run: Execution) -> Table:
@@ -708,11 +713,9 @@ class Replay:
             **(differences(tracked(recorded)) if commands else {}),
         }
         if self.picture is not None:
-            from stancekit.views.sheet import save
-
-            save(draw_tracking(recorded), self.picture)
+            draw_to_file(draw_tracking(recorded), self.picture)
         tell(self.json, record, _replay_table(record))
-        say_written(*(() if self.json else (self.picture,)), word="written: {}")
+        say(() if self.json else (self.picture,), "written: {}")
         return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1
 
 

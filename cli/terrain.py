@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from .console import as_options, facts, progress, say_written, tell
+from .console import as_options, draw_to_file, facts, progress, say, tell
 from .options import (
     OF_FILE,
     FileMeaning,
@@ -22,6 +22,7 @@ from .options import (
     check_drawn,
     check_limit,
     check_out,
+    check_unused,
     in_options,
     numbers,
     place,
@@ -91,14 +92,15 @@ class ShowTerrain:
     def run(self) -> int:
         """Read, find footholds, draw, say."""
         check_drawn(picture=self.picture, html=self.html)
+        if self.picture is None and self.html is None:
+            check_unused(self, ("start", "goal"), "a terrain that is not drawn")
         asked = {"start": self.start, "goal": self.goal}
         places = {key: place(each, f"--{key}") for key, each in asked.items() if each is not None}
         footholds = self._found()
         if self.picture is not None:
-            from stancekit.views.sheet import save
             from stancekit.views.terrain import draw_footholds
 
-            save(draw_footholds(footholds, places), self.picture)
+            draw_to_file(draw_footholds(footholds, places), self.picture)
         if self.html is not None:
             from stancekit.views.page import write_page
             from stancekit.views.terrain import foothold_motion
@@ -113,7 +115,7 @@ class ShowTerrain:
         words = ", ".join(f"{axis} is the file's {values}" for axis, values in turned.items())
         table = facts([*_found_rows(footholds), ("axes", words)], "ellipsis")
         tell(self.json, footholds.to_json() | ({"axes": axes} if axes else {}), table)
-        say_written(*(() if self.json else (self.picture, self.html)))
+        say(() if self.json else (self.picture, self.html), "wrote {}")
         return 0
 
     def _found(self) -> Footholds:
@@ -265,11 +267,10 @@ class MapTerrain:
             standing.save(self.out)
         if self.picture is not None:
             from stancekit.views.maps import draw_standing_map
-            from stancekit.views.sheet import save
 
-            save(draw_standing_map(standing), self.picture)
+            draw_to_file(draw_standing_map(standing), self.picture)
         tell(self.json, standing.to_json(), _standing_table(standing))
-        say_written(*(() if self.json else (self.out, self.picture)))
+        say(() if self.json else (self.out, self.picture), "wrote {}")
         return 0
 
 
@@ -361,9 +362,8 @@ class Warp:
             fit.map.to_file(self.out)
         if self.picture is not None:
             from stancekit.views.maps import draw_map
-            from stancekit.views.sheet import save
 
-            save(draw_map(fit.map, terrain, fit.report), self.picture)
+            draw_to_file(draw_map(fit.map, terrain, fit.report), self.picture)
         tell(self.json, fit.report.to_json(), _warp_table(fit.report))
         return 0 if fit.report.least_det > 0.0 else 1
 

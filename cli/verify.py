@@ -10,7 +10,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, grid, out, tell, text_of
+from .console import as_options, complain, emit, grid, out, say, tell, text_of
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
@@ -98,6 +98,8 @@ class Verify:
             ("terrain", "a motion's"),
             ("exact", "a proof's"),
             ("margins", "a plan's"),
+            ("out", "a contact sequence's"),
+            ("picture", "a contact sequence's"),
         )
         for option, wanted in wants:
             if getattr(self, option) not in (None, False) and not (
@@ -138,8 +140,7 @@ class Verify:
             emit(check.to_json())
         else:
             out.print(f"{self.problems}: {check.message}")
-            for line in check.report.answer.doubts:
-                out.print(f"doubt: {line}", highlight=False)
+            say(check.report.answer.doubts, "doubt: {}")
             if check.kind == "sequence":
                 out.print(_stances(check.report))
             if check.kind == "motion":

@@ -50,12 +50,12 @@ def make(blocks: list[tuple[str, str, str]], folder: Path) -> None:
 
 
 def moving_picture(film: Path, picture: Path) -> None:
-    """Write a film as an animated WebP of 720 pixels and 8 frames per second. Raises
+    """Write a film as an animated WebP of 720 pixels and 6 frames per second. Raises
     CalledProcessError.
     """
     from imageio_ffmpeg import get_ffmpeg_exe
 
-    options = ("-vf", "fps=8,scale=720:-2", "-loop", "0", "-c:v", "libwebp_anim", "-quality", "55")
+    options = ("-vf", "fps=6,scale=720:-2", "-loop", "0", "-c:v", "libwebp_anim", "-quality", "35")
     subprocess.run(
         [get_ffmpeg_exe(), "-y", "-loglevel", "error", "-i", film, *options, picture], check=True
     )

@@ -8,6 +8,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,7 +33,16 @@ from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
 from stancekit.planners.verify.leaps import check_leap
 
-from .episodes import USUAL_SEARCH, SearchWeights, Step, TaskEnv, boxes, checked_action, weighted
+from .episodes import (
+    USUAL_SEARCH,
+    SearchWeights,
+    Step,
+    TaskEnv,
+    boxes,
+    checked_action,
+    flat,
+    weighted,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,15 +50,17 @@ if TYPE_CHECKING:
 _Observation = dict[str, NDArray[np.float32]]
 _ROOM = 10.0
 """Bound on the numbers of an observation."""
-INFO: Mapping[str, int | float] = {
-    "is_success": 0,
-    "tries": 0,
-    "solves": 0,
-    "masked": 0,
-    "repeated": 0,
-    "refuted": 0,
-    "cost": 0.0,
-}
+INFO: Mapping[str, int | float] = MappingProxyType(
+    {
+        "is_success": 0,
+        "tries": 0,
+        "solves": 0,
+        "masked": 0,
+        "repeated": 0,
+        "refuted": 0,
+        "cost": 0.0,
+    }
+)
 """``info`` before anything was tried."""
 
 
@@ -190,10 +202,7 @@ class _Episode:
             "residual": self._residual(),
             "left": np.maximum(left, 0.0),
         }
-        return {
-            name: np.clip(each, -_ROOM, _ROOM).astype(np.float32).ravel()
-            for name, each in parts.items()
-        }
+        return {name: flat(each, _ROOM) for name, each in parts.items()}
 
     def _residual(self) -> Array:
         """Per interval, how far L and Θ of the last try are from what its forces give, shape (2,

@@ -22,7 +22,16 @@ from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import BoxSearch
 
-from .episodes import USUAL_SEARCH, SearchWeights, Step, TaskEnv, boxes, checked_action, weighted
+from .episodes import (
+    USUAL_SEARCH,
+    SearchWeights,
+    Step,
+    TaskEnv,
+    boxes,
+    checked_action,
+    flat,
+    weighted,
+)
 from .scenes import MAX_DRAWS, LabelledScene, ProblemSource, SceneSettings, margin_info, seen
 from .selection import VERTICES, scene_space
 
@@ -235,14 +244,14 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
         zeros = np.zeros(6 * self._count)
         left = max(0.0, 1.0 - search.solves / self._budget)
         return seen(scene) | {
-            "low": _seen(zeros if node is None else node.box.low),
-            "high": _seen(zeros if node is None else node.box.high),
-            "point": _seen(zeros if node is None else node.point),
-            "gap": _seen(zeros if node is None else gap_by_dimension(node.gaps)),
-            "margin": _seen(np.array([0.0 if node is None else node.margin])),
-            "depth": _seen(np.array([0.0 if node is None else node.depth / _COUNT_UNIT])),
-            "open": _seen(np.array([search.open / _COUNT_UNIT])),
-            "left": _seen(np.array([left])),
+            "low": flat(zeros if node is None else node.box.low, _ROOM),
+            "high": flat(zeros if node is None else node.box.high, _ROOM),
+            "point": flat(zeros if node is None else node.point, _ROOM),
+            "gap": flat(zeros if node is None else gap_by_dimension(node.gaps), _ROOM),
+            "margin": flat(0.0 if node is None else node.margin, _ROOM),
+            "depth": flat(0.0 if node is None else node.depth / _COUNT_UNIT, _ROOM),
+            "open": flat(search.open / _COUNT_UNIT, _ROOM),
+            "left": flat(left, _ROOM),
         }
 
     def _info(self, episode: _Refined) -> dict[str, Any]:
@@ -268,11 +277,6 @@ def gap_by_dimension(gaps: Array) -> Array:
         gaps: (N, 3, 3); to (N, 6).
     """
     return np.concatenate([gaps.max(axis=2), gaps.max(axis=1)], axis=1)
-
-
-def _seen(values: Array) -> NDArray[np.float32]:
-    view: NDArray[np.float32] = np.clip(values, -_ROOM, _ROOM).astype(np.float32).ravel()
-    return view
 
 
 def refinement_space(count: int) -> spaces.Dict:

@@ -30,7 +30,7 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.walker import anymal, walker_from
 
 from .distributions.courses import SampledTasks, Tasks
-from .episodes import Finite, Step, TaskEnv, boxes, checked_action, weighted
+from .episodes import Finite, Step, TaskEnv, boxes, checked_action, flat, weighted
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -530,18 +530,13 @@ def observe(task: Walk) -> dict[str, NDArray[np.float32]]:
     heights = task.terrain.height(middle + grid @ axes) - float(task.terrain.height(middle))
     heading = task.start_yaw_rad - turn
 
-    def seen(values: Any, room: float = _ROOM) -> NDArray[np.float32]:
-        return np.clip(np.ravel(np.asarray(values, dtype=np.float64)), -room, room).astype(
-            np.float32
-        )
-
     return {
-        "heights": seen(heights),
-        "start": seen(axes @ (task.start - middle)),
-        "goal": seen(axes @ (task.goal - middle)),
-        "facing": seen([np.cos(heading), np.sin(heading)], 1.0),
-        "friction": seen([task.friction]),
-        "adhesive": seen(task.adhesive, 1.0),
+        "heights": flat(heights, _ROOM),
+        "start": flat(axes @ (task.start - middle), _ROOM),
+        "goal": flat(axes @ (task.goal - middle), _ROOM),
+        "facing": flat([np.cos(heading), np.sin(heading)], 1.0),
+        "friction": flat(task.friction, _ROOM),
+        "adhesive": flat(task.adhesive, 1.0),
     }
 
 

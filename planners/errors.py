@@ -73,6 +73,12 @@ class UnknownArgument(InvalidInput, TypeError):
     """
 
 
+class NoColumn(InvalidInput, AttributeError):
+    """A column that this kind of motion lacks; an ``AttributeError``, too, by which ``hasattr`` says
+    no.
+    """
+
+
 class NoPlace(InvalidInput):
     """The robot finds no foothold at its start or goal: the question is valid, and this is its
     answer.

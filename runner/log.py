@@ -21,6 +21,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any, Self
 
 import numpy as np
@@ -194,25 +195,27 @@ LOADED = "loaded"
 """The decision to begin with joints that press already."""
 _LARGEST_TIME = 1e9
 """Largest value of times [s] and rates [Hz] in a log."""
-TOPICS: dict[str, dict[str, str]] = {
-    "plan": {
-        "format": "string",
-        "digest": "string",
-        "course": "string",
-        "joints": "array",
-        "rate_hz": "number",
-    },
-    "command": {
-        "time_s": "number",
-        "asked_rad": "array",
-        "sent_rad": "array",
-        "planned_rad": "array",
-    },
-    "measurement": {"time_s": "number", "angles_rad": "array", "position_m": "array"},
-    "target": {"time_s": "number", "origin_m": "array"},
-    "decision": {"what": "string", "why": "string"},
-    "verdict": {"succeeded": "boolean", "message": "string"},
-}
+TOPICS: Mapping[str, dict[str, str]] = MappingProxyType(
+    {
+        "plan": {
+            "format": "string",
+            "digest": "string",
+            "course": "string",
+            "joints": "array",
+            "rate_hz": "number",
+        },
+        "command": {
+            "time_s": "number",
+            "asked_rad": "array",
+            "sent_rad": "array",
+            "planned_rad": "array",
+        },
+        "measurement": {"time_s": "number", "angles_rad": "array", "position_m": "array"},
+        "target": {"time_s": "number", "origin_m": "array"},
+        "decision": {"what": "string", "why": "string"},
+        "verdict": {"succeeded": "boolean", "message": "string"},
+    }
+)
 """The topics, and what every message of each has at least, by JSON type; arrays are of numbers, null
 where they were not finite, but for the names of joints."""
 _KINDS: dict[str, Any] = {"string": str, "number": float | int, "boolean": bool, "array": list}

@@ -210,21 +210,8 @@ def _of_plan(
             resumption.kinematics,
             replace(settings, timing=settings.timing.at_pace(resumption.pace)),
         )
-    motion, wished = unhurried_plan(
-        plan, kinematics, world.capabilities, settings.timing, shared=settings.forces == "shared"
-    )
-    if settings.check_limits:
-        if not settings.hung:
-            check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
-        profile = parametrize(
-            motion,
-            kinematics,
-            world.capabilities,
-            hung=settings.hung,
-            drives=world.drives,
-            wished=wished,
-        )
-        motion, wished = profile.motion, profile.wished
+    motion, wished, profile = _timed(accepted.source, plan, kinematics, world, settings)
+    if profile is not None:
         _check_heat(accepted.source, profile, world.drives)
         _check_bodies(accepted, profile, kinematics)
     assert motion.rest_s is not None
@@ -311,21 +298,26 @@ def _climbs(
     accepted: Accepted[Motion[Way]], world: SafeWorld, settings: RunSettings, kinematics: Kinematics
 ) -> list[Played]:
     """The climbs of a crossing, timed as any plan's."""
-    climbs = list[Played]()
-    for plan in accepted.plan.climbs:
-        motion, wished = unhurried_plan(
-            plan,
-            kinematics,
-            world.capabilities,
-            settings.timing,
-            shared=settings.forces == "shared",
-        )
-        if settings.check_limits:
-            check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
-            can, drives = world.capabilities, world.drives
-            motion = parametrize(motion, kinematics, can, drives=drives, wished=wished).motion
-        climbs.append(motion)
-    return climbs
+    climbs = accepted.plan.climbs
+    return [_timed(accepted.source, plan, kinematics, world, settings)[0] for plan in climbs]
+
+
+def _timed(
+    source: str, plan: Plan, kinematics: Kinematics, world: SafeWorld, settings: RunSettings
+) -> tuple[Played, RedundancyResolution | None, JointProfile | None]:
+    """The motion of a plan, as fast as joints can do it, what its tracker wishes, and the profile of
+    its joints; of limits that are not checked None.
+
+    Raises InvalidInput where no pace helps.
+    """
+    can, drives, shared = world.capabilities, world.drives, settings.forces == "shared"
+    motion, wished = unhurried_plan(plan, kinematics, can, settings.timing, shared=shared)
+    if not settings.check_limits:
+        return motion, wished, None
+    if not settings.hung:
+        check_at_rest(source, motion, kinematics, wished, drives, LIMIT_SHARE)
+    profile = parametrize(motion, kinematics, can, hung=settings.hung, drives=drives, wished=wished)
+    return profile.motion, profile.wished, profile
 
 
 def _kinematics(accepted: Accepted[Any], world: SafeWorld) -> Kinematics:

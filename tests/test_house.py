@@ -393,8 +393,7 @@ def test_one_function_words_what_is_not_installed() -> None:
         for path in modules()
         if "pip install " in (ROOT / path).read_text(encoding="utf-8")
     )
-    no_extra = "learners/training/reinforce.py"  # has TensorBoard
-    assert wordings == [no_extra, "planners/errors.py"]
+    assert wordings == ["planners/errors.py"]
     error = not_installed("stairs.pcd", "pypcd4", ".pcd clouds", "terrain")
     assert str(error) == (
         "stairs.pcd: expected pypcd4 for .pcd clouds, it is not installed: "

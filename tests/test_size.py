@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1369, 16782),
-    "cli": (3184, 38579),
+    "api": (1375, 16933),
+    "cli": (3165, 38454),
     "configs": (3, 30),
-    "envs": (3085, 42591),
-    "learners": (5218, 76884),
-    "planners": (34880, 575807),
-    "runner": (6514, 89617),
-    "views": (4302, 68800),
+    "envs": (3072, 42495),
+    "learners": (5210, 76667),
+    "planners": (34908, 576139),
+    "runner": (6511, 89542),
+    "views": (4297, 68659),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

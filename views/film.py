@@ -359,6 +359,8 @@ class _Stage:
         return str(mesh.name)
 
     def _add_flat(self, triangles: Array, normals: Array) -> str:
+        if len(triangles) == 1:  # MuJoCo takes no mesh of three corners
+            triangles, normals = triangles.repeat(2, axis=0), normals.repeat(2, axis=0)
         faces = np.arange(3 * len(triangles)).reshape(-1, 3)
         normals = np.repeat(normals, 3, axis=0).ravel()
         indices = faces.ravel().astype(np.int32)

@@ -94,20 +94,25 @@ def plan_strips(plan: Plan, motion: Played) -> list[Strip]:
     pushes_n = stance_margins(plan, ("push_n",), yields_m=verdict_yields_m(plan), unknown=np.nan)[
         "push_n"
     ]
+    frames = np.array([float(stance.frame) for stance in plan.problem.stances])
+    push = Strip(title="push margin", unit="N", at=frames, values=pushes_n, least=True)
+    return [push, cone_strip(plan, motion), torque_strip(plan)]
+
+
+def cone_strip(plan: Plan, motion: Played) -> Strip:
+    """The largest share of a friction cone that the planned forces use; of a plan's motion, as
+    above.
+    """
     now = motion.at(np.linspace(0.0, motion.duration_s, 400))
     light_n = 1e-3 * plan.problem.weight_n  # a foot that presses with less is not loaded
     cone_n = np.maximum(now.friction * now.along_n, light_n)
     loaded = now.stands & (now.along_n > light_n)
     used = np.where(loaded, now.across_n / cone_n, 0.0).max(axis=1)
-    frames = np.array([float(stance.frame) for stance in plan.problem.stances])
-    return [
-        Strip(title="push margin", unit="N", at=frames, values=pushes_n, least=True),
-        Strip(title="friction cone used", unit="%", at=now.frame, values=100.0 * used, limit=100.0),
-        _torque(plan),
-    ]
+    title = "friction cone used"
+    return Strip(title=title, unit="%", at=now.frame, values=100.0 * used, limit=100.0)
 
 
-def _torque(plan: Plan) -> Strip:
+def torque_strip(plan: Plan) -> Strip:
     """The largest share of a joint's torque, at rest, while the body moves."""
     strip = Strip(title="joint torque used", unit="%", limit=100.0)
     if plan.joints_rad is None:

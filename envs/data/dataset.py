@@ -139,7 +139,7 @@ def table_of(rows: Sequence[LabelledPosture], contacts: int) -> pa.Table:
 
     schema = shard_schema(contacts)
     return pa.Table.from_arrays(
-        [_arrow([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema
+        [as_column([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema
     )
 
 
@@ -156,7 +156,8 @@ def _cell(row: LabelledPosture, name: str) -> Any:
     return value.ravel() if name == "point" and value is not None else value
 
 
-def _arrow(values: list[Any], kind: pa.DataType) -> pa.Array:
+def as_column(values: list[Any], kind: pa.DataType) -> pa.Array:
+    """Values as a column of this type."""
     import pyarrow as pa
 
     if isinstance(kind, pa.FixedShapeTensorType):

@@ -21,7 +21,7 @@ from stancekit.planners.leap.scp import plan_from
 from stancekit.planners.problem.leap import BodyState, Leap
 from stancekit.planners.problem.leap_classes import leap_from_keys, leap_to_json
 
-from .dataset import Dataset, Summary
+from .dataset import Dataset, Summary, as_column
 from .ledger import Ledger, TryHeader, folder_of, part_of, read_header, shard_name
 
 if TYPE_CHECKING:
@@ -331,20 +331,11 @@ def table_of_tries(header: TryHeader, scene: int, leap: Leap, tries: Sequence[Tr
     """The tries of a scene as a part of a shard's table."""
     import pyarrow as pa
 
-    schema, cells = header.columns(), _scene_cells(leap)
-    columns = []
-    for field in schema:
-        if field.name in cells:
-            values = [cells[field.name]] * len(tries)
-        else:
-            values = [_cell(one, field.name, scene, k) for k, one in enumerate(tries)]
-        kind = field.type
-        if isinstance(kind, pa.FixedShapeTensorType):
-            columns.append(
-                pa.ExtensionArray.from_storage(kind, pa.array(values, kind.storage_type))
-            )
-        else:
-            columns.append(pa.array(values, kind))
+    schema = header.columns()
+    rows = [{"scene": scene, "number": k, **_cells(one)} for k, one in enumerate(tries)]
+    cells = {name: [value] * len(tries) for name, value in _scene_cells(leap).items()}
+    cells |= {name: [row[name] for row in rows] for name in _OF_TRY}
+    columns = [as_column(cells[field.name], field.type) for field in schema]
     return pa.Table.from_arrays(columns, schema=schema)
 
 
@@ -353,21 +344,19 @@ def plan_of_row(numbers: LeapNumbers, row: Mapping[str, Any]) -> LeapPlan:
     return plan_from(numbers, row["choice"], row["toes_m"], row["forces_n"], str(row["order"]))
 
 
-def _cell(one: Try, name: str, scene: int, number: int) -> Any:
-    cost = {"first_cost": one.first, "cost": one.cost}
-    if name in cost:
-        return cost[name] if np.isfinite(cost[name]) else None
-    if name in ("toes_m", "forces_n"):
-        return None if one.plan is None else getattr(one.plan, name).ravel()
-    if name == "multipliers":
-        return None if one.multipliers is None else one.multipliers.astype(np.float32)
-    if name == "label":
-        return LABELS[one.status]
-    return (
-        {"scene": scene, "number": number}.get(name)
-        if name in ("scene", "number")
-        else getattr(one, name)
-    )
+def _cells(one: Try) -> dict[str, Any]:
+    """A try's own columns."""
+    cells = {name: getattr(one, name) for name in ("order", "timing", "choice", "solves")}
+    multipliers, plan = one.multipliers, one.plan
+    return {
+        **cells,
+        "label": LABELS[one.status],
+        "first_cost": one.first if np.isfinite(one.first) else None,
+        "cost": one.cost if np.isfinite(one.cost) else None,
+        "toes_m": None if plan is None else plan.toes_m.ravel(),
+        "forces_n": None if plan is None else plan.forces_n.ravel(),
+        "multipliers": None if multipliers is None else multipliers.astype(np.float32),
+    }
 
 
 def _scene_cells(leap: Leap) -> dict[str, Any]:

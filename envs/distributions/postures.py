@@ -38,7 +38,7 @@ Law = Literal["ground", "wall", "terrain"]
 LAW = re.compile(r"(ground|wall|terrain)-([1-9]\d?)")
 """Names of classes: a law, and how many legs stand."""
 FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
-PAPER_LEGS = {3: THREE_LEGS, 5: FIVE_LEGS}
+PAPER_LEGS = MappingProxyType({3: THREE_LEGS, 5: FIVE_LEGS})
 _PAPER_REACH_M = 0.35
 _PAPER_LENGTH_M = 0.6
 """Length scale of Lin et al.'s robot."""

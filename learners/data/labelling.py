@@ -19,10 +19,9 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import numpy as np
-from pydantic import ConfigDict
 
 from stancekit.envs.data import ledger
 from stancekit.envs.data.dataset import Dataset, Summary, finite
@@ -31,6 +30,7 @@ from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import Strict
 from stancekit.planners.files.writing import make_folder, write_bytes
 from stancekit.planners.plugins import code_of, differing
 from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
@@ -163,10 +163,8 @@ def begin(folder: Path, header: H) -> H:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Quota:
+class Quota(Strict):
     """Number of rows per label, and their seed."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     feasible: int
     infeasible: int

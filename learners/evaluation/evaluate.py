@@ -31,7 +31,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.equilibrium.yardstick import yardstick
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import read_yaml, shown, validated
+from stancekit.planners.files.documents import Strict, read_yaml, shown, validated
 from stancekit.planners.files.writing import make_folder, write_text
 from stancekit.planners.plugins import code_of
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
@@ -159,9 +159,7 @@ class Score:
         return record | {"gap": or_null(self.gap), "p1_ms": or_null(self.p1_ms), **self.notes}
 
 
-def rollout(
-    selector: Predictor, env: EnvelopeSelectionEnv, episodes: int, progress: Progress | None = None
-) -> list[dict[str, Any]]:
+def rollout(selector: Predictor, env: EnvelopeSelectionEnv, episodes: int) -> list[dict[str, Any]]:
     """Play one-step episodes and return the info of each, with its ``reward``: what every selector
     is judged by.
 
@@ -173,8 +171,6 @@ def rollout(
         action, _ = selector.predict(observation, deterministic=True)
         _, reward, _, _, info = env.step(action)
         infos.append(info | {"reward": reward})
-        if progress is not None:
-            progress(episode + 1, episodes)
     return infos
 
 
@@ -342,7 +338,7 @@ def check_same_class(dataset: Dataset, problem_class: str, where: str) -> None:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Experiment:
+class Experiment(Strict):
     """Definition of an experiment: its problems, amount of data and methods.
 
     The seeds of ``train``, ``calibration`` and ``test`` differ.
@@ -351,8 +347,6 @@ class Experiment:
         robot, terrain: files of the robot and the terrain; by default the hexapod, and none.
         calibration: rows to calibrate on; without it methods keep a part of ``train`` for that.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     problems: tuple[str, ...]
     train: Quota

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -143,21 +144,25 @@ _KNOWN: Mapping[str, _GaitMethod] = {
     ),
 }
 
-METHODS: Mapping[str, _GaitMethod] = {
-    **_KNOWN,
-    **{
-        chart: _GaitMethod(label=f"{chart}, centred", settings={"chart": chart})
-        for chart in CHARTS.names()
-        if chart not in _KNOWN
-    },
-}
+METHODS: Mapping[str, _GaitMethod] = MappingProxyType(
+    {
+        **_KNOWN,
+        **{
+            chart: _GaitMethod(label=f"{chart}, centred", settings={"chart": chart})
+            for chart in CHARTS.names()
+            if chart not in _KNOWN
+        },
+    }
+)
 """By name, and every further chart by its own. The paper's own methods have its dynamics and no
 term for the trunk."""
 
-PAPER: Mapping[str, Mapping[str, float]] = {
-    "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
-    "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
-}
+PAPER: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
+        "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
+    }
+)
 """Success of Pan et al.'s Table I (Knitro, 200 iterations)."""
 
 

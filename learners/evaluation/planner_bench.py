@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -38,17 +39,19 @@ from ..selectors.selector import quantile_box
 _Form = Literal[
     "lift", "envelope", "unit-4", "rows-4", "course-4", "shrink-4", "unit-2", "course-2", "shrink-2"
 ]
-FORMS: Mapping[_Form, str] = {
-    "lift": "two-stage, lift",
-    "envelope": "two-stage, envelope",
-    "unit-4": "MICP, K = 4",
-    "rows-4": "MICP, K = 4, envelope rows",
-    "course-4": "MICP, K = 4, course's grid",
-    "shrink-4": "MICP, K = 4, shrunk grid",
-    "unit-2": "MICP, K = 2",
-    "course-2": "MICP, K = 2, course's grid",
-    "shrink-2": "MICP, K = 2, shrunk grid",
-}
+FORMS: Mapping[_Form, str] = MappingProxyType(
+    {
+        "lift": "two-stage, lift",
+        "envelope": "two-stage, envelope",
+        "unit-4": "MICP, K = 4",
+        "rows-4": "MICP, K = 4, envelope rows",
+        "course-4": "MICP, K = 4, course's grid",
+        "shrink-4": "MICP, K = 4, shrunk grid",
+        "unit-2": "MICP, K = 2",
+        "course-2": "MICP, K = 2, course's grid",
+        "shrink-2": "MICP, K = 2, shrunk grid",
+    }
+)
 """Names. K intervals a component, over [−1, 1] as in Lin et al., or over the bounds that the course
 implies (no envelope), or over the envelope. Only programs of the same K have as many binaries."""
 MICP: tuple[_Form, ...] = tuple(form for form in FORMS if "-" in form)

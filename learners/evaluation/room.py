@@ -9,12 +9,12 @@ in every denominator.
 from __future__ import annotations
 
 import json
-import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import gymnasium as gym
@@ -42,6 +42,7 @@ from stancekit.planners.verify.leaps import check_leap
 
 from ..leaps.kinds import SCORER
 from ..zoo import shipped
+from .evaluate import Share as Counted
 
 Share = tuple[float, float, float]
 _DRAWS = 10_000
@@ -386,42 +387,48 @@ def _at_once(chart: int) -> _Player:
     return lambda env, observation, rng: np.array([chart, 0, 0])
 
 
-ENVIRONMENTS: Mapping[str, _Plays] = {
-    "EnvelopeSelection-v0": _Plays(
-        options={"problem": "wall-3"},
-        budget="one box: 2 convex problems",
-        players=_selectors,
-        learned=("neural-wall-3",),
-        solves=2,
-    ),
-    "EnvelopeRefinement-v0": _Plays(
-        options={"problem": "ground-3", "budget": 50},
-        budget="50 convex problems",
-        players=_rules,
-        solves=50,
-    ),
-    "Traverse-v0": _Plays(budget="an episode", players=_planners),
-    "WarpedGait-v0": _Plays(budget="one attempt", players=_charts),
-}
+ENVIRONMENTS: Mapping[str, _Plays] = MappingProxyType(
+    {
+        "EnvelopeSelection-v0": _Plays(
+            options={"problem": "wall-3"},
+            budget="one box: 2 convex problems",
+            players=_selectors,
+            learned=("neural-wall-3",),
+            solves=2,
+        ),
+        "EnvelopeRefinement-v0": _Plays(
+            options={"problem": "ground-3", "budget": 50},
+            budget="50 convex problems",
+            players=_rules,
+            solves=50,
+        ),
+        "Traverse-v0": _Plays(budget="an episode", players=_planners),
+        "WarpedGait-v0": _Plays(budget="one attempt", players=_charts),
+    }
+)
 """Environments whose episodes policies play, by name without the package's; those of WarpedGait-v0
 take seconds of the processor each."""
 
 
 MANY = 1_000_000
-FINDERS = {
-    "random": LeapFinder(order="random", solves=MANY),
-    "noise": LeapFinder(order="noise", solves=MANY),
-    "rule-tuned": LeapFinder(order="rule", solves=MANY),
-    "farkas": LeapFinder(order="farkas", solves=MANY),
-    "finder": LeapFinder(order="finder", solves=MANY),
-}
-AGAIN = {"noise": ("noise-again", LeapFinder(order="noise", solves=MANY, seed=1))}
+FINDERS = MappingProxyType(
+    {
+        "random": LeapFinder(order="random", solves=MANY),
+        "noise": LeapFinder(order="noise", solves=MANY),
+        "rule-tuned": LeapFinder(order="rule", solves=MANY),
+        "farkas": LeapFinder(order="farkas", solves=MANY),
+        "finder": LeapFinder(order="finder", solves=MANY),
+    }
+)
+AGAIN = MappingProxyType({"noise": ("noise-again", LeapFinder(order="noise", solves=MANY, seed=1))})
 """Methods that draw, by another name with another seed."""
-TUNED = {
-    "finder-tuned": LeapFinder(
-        rule=Rule(grip=3.0, grip_cap=0.3, room=14.0, room_cap=-0.09), solves=MANY
-    )
-}
+TUNED = MappingProxyType(
+    {
+        "finder-tuned": LeapFinder(
+            rule=Rule(grip=3.0, grip_cap=0.3, room=14.0, room_cap=-0.09), solves=MANY
+        )
+    }
+)
 """The finder with the rule's constants chosen on the 900 scenes from which learned scores are
 learned, too."""
 UNLEARNED = (*FINDERS, *TUNED, *(name for name, _ in AGAIN.values()))
@@ -607,7 +614,6 @@ def share(count: int, of: int) -> tuple[float, float, float] | None:
     """A share and the ends of its 95 % interval (Wilson); None of nothing."""
     if not of:
         return None
-    z, p = 1.96, count / of
-    middle = (p + z * z / (2 * of)) / (1 + z * z / of)
-    half = z / (1 + z * z / of) * math.sqrt(p * (1 - p) / of + z * z / (4 * of * of))
-    return p, max(middle - half, 0.0), min(middle + half, 1.0)
+    counted = Counted(hits=count, of=of)
+    low, high = counted.interval
+    return counted.value, max(low, 0.0), min(high, 1.0)

@@ -379,30 +379,13 @@ class NeuralSelector(MemorylessPolicy):
 
     @classmethod
     @undisturbed()
-    def load(
-        cls,
-        path: str | Path,
-        *,
-        problem_class: str | None = None,
-        legs: Sequence[str] | None = None,
-    ) -> NeuralSelector:
+    def load(cls, path: str | Path) -> NeuralSelector:
         """Read a selector.
 
-        Raises InvalidInput for a file that is damaged or foreign, or made for other problems.
-
-        Arguments:
-            problem_class, legs: what it must have been learned for, where given.
+        Raises InvalidInput for a file that is damaged or foreign.
         """
         header, tensors = read_tensors(path, FORMAT)
         raw = validated(_Header, header, str(path))
-        if problem_class is not None and raw.problem_class != problem_class:
-            raise InvalidInput(
-                f"{path}: expected a selector for {problem_class}, got one for {raw.problem_class}"
-            )
-        if legs is not None and raw.legs != list(legs):
-            raise InvalidInput(
-                f"{path}: expected a selector for legs {list(legs)}, got one for {raw.legs}"
-            )
         with torch.device("meta"):
             network = BoxNetwork(raw.architecture)
         load_weights(network, tensors, path)

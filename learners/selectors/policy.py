@@ -8,13 +8,13 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from torch import Tensor, nn
 
@@ -24,7 +24,7 @@ from stancekit.envs.refinement import refinement_space
 from stancekit.envs.selection import scene_space
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
-from stancekit.planners.files.documents import shown, validated
+from stancekit.planners.files.documents import Strict, shown, validated
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .network import load_weights, read_tensors, undisturbed, write_tensors
@@ -35,7 +35,7 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PolicyShape:
+class PolicyShape(Strict):
     """Purpose and size of a policy: all that is needed to build it again.
 
     Arguments:
@@ -46,8 +46,6 @@ class PolicyShape:
         offset: how far a bound may move from the base envelope, non-dimensional. Both: selection
             only.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     environment: EnvironmentName
     problem: str
@@ -251,10 +249,10 @@ class TrainedPolicy:
 
     @classmethod
     @undisturbed(0)
-    def load(cls, path: str | Path, *, problem: str | None = None) -> TrainedPolicy:
+    def load(cls, path: str | Path) -> TrainedPolicy:
         """Read a policy.
 
-        Raises InvalidInput for a file that is damaged, foreign or for another class of problems.
+        Raises InvalidInput for a file that is damaged or foreign.
         """
         header, tensors = read_tensors(path, FORMAT)
         shape = validated(PolicyShape, header.get("shape"), str(path))
@@ -262,10 +260,6 @@ class TrainedPolicy:
         steps = checked_int(header.get("steps"), f"{path}: steps")
         if not isinstance(provenance, dict):
             raise InvalidInput(f"{path}: provenance: expected an object, got {shown(provenance)}")
-        if problem is not None and shape.problem != problem:
-            raise InvalidInput(
-                f"{path}: expected a policy for {problem}, got one for {shape.problem}"
-            )
         sizes = sum(a * b for a, b in itertools.pairwise(shape.hidden))
         if sizes > sum(tensor.numel() for tensor in tensors.values()):
             raise InvalidInput(

@@ -6,22 +6,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files.arrays import checked_choice
-from stancekit.planners.files.documents import check_fields, shown, typed
+from stancekit.planners.files.documents import Strict, check_fields, shown, typed
 from stancekit.planners.plugins import Registry, code_of, takes
 from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executors import Executor
+from ..leaps.kinds import KINDS
 from ..selectors.genetic import (
     BoxDescent,
     BoxFit,
@@ -38,25 +40,34 @@ if TYPE_CHECKING:
     from .reinforce import TrainConfig
 
 
-SPREAD = ("ga",)
-"""Methods that use an executor."""
-KNOBS: Mapping[str, tuple[str, ...]] = {
-    "heuristic": (),
-    "quantile": ("share",),
-    "gmm-printed": ("clusters", "threshold", "time_limit_s", "seed"),
-    "gmm": ("share", "clusters", "steps", "batch", "seed"),
-    "gradient": ("share", "boxes", "steps", "batch", "seed"),
-    "ga": ("genetic",),
-    "modes": ("share",),
-    "neural": ("neural",),
-    "joint": ("neural",),
-    "rl": ("rl",),
-}
-"""Settings by the method that they concern."""
+KNOBS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "heuristic": (),
+        "quantile": ("share",),
+        "gmm-printed": ("clusters", "threshold", "time_limit_s", "seed"),
+        "gmm": ("share", "clusters", "steps", "batch", "seed"),
+        "gradient": ("share", "boxes", "steps", "batch", "seed"),
+        "ga": ("genetic",),
+        "modes": ("share",),
+        "neural": ("neural",),
+        "joint": ("neural",),
+        "rl": ("rl",),
+        **dict.fromkeys(("surrogate", *KINDS), ()),
+    }
+)
+"""Settings by the method that they concern; some methods have others of their own."""
+FURTHER: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "calibration": ("neural", "joint", "rl", "surrogate"),
+        "checkpoint": ("ga", "gradient", "neural", "joint", "rl", "surrogate", *KINDS),
+        "workers": ("ga",),
+    }
+)
+"""Arguments of ``fit`` that not every method uses, and the methods that do."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class FitSettings:
+class FitSettings(Strict):
     """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
 
     Arguments:
@@ -71,8 +82,6 @@ class FitSettings:
         neural: keys of ``NeuralSettings``.
         rl: keys of ``TrainConfig`` but for environment, problem and scenes.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     share: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.05
     clusters: PositiveInt = 1

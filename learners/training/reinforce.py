@@ -17,12 +17,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from stable_baselines3 import PPO
 from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.utils import FloatSchedule, set_random_seed
@@ -39,9 +39,9 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.errors import InvalidInput, StancekitError, package_command
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_yaml, typed, validated
+from stancekit.planners.files.documents import Strict, read_yaml, typed, validated
 from stancekit.planners.files.writing import make_folder, write_text
 from stancekit.planners.search.exact import BoxSearch
 from stancekit.runner.control.envelope_choice import Predictor
@@ -61,15 +61,13 @@ from .loop import Checkpoint, Record, State, StepsDone, run
 
 
 @dataclass(frozen=True, kw_only=True)
-class PpoSettings:
+class PpoSettings(Strict):
     """Knobs of PPO.
 
     Arguments:
         rollout: steps of every sub-environment between updates.
         rate: falls linearly to a tenth.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     rate: Annotated[float, Field(gt=0.0)] = 1e-3
     rollout: Annotated[int, Field(ge=1)] = 64
@@ -82,7 +80,7 @@ class PpoSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrainConfig:
+class TrainConfig(Strict):
     """One training run.
 
     Steps are rounded up to whole segments, and segments to whole rollouts.
@@ -100,8 +98,6 @@ class TrainConfig:
         budget: solves per episode (refinement only).
         tensorboard: write its logs, too.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     environment: EnvironmentName
     problem: str
@@ -568,10 +564,8 @@ def _training_env(config: TrainConfig, scenes: TrainingScenes) -> VecEnv:
 def _logger(folder: Path, tensorboard: bool) -> Logger:
     """TensorBoard's log where it is wanted and installed, else none: the curve is kept anyway."""
     if tensorboard and importlib.util.find_spec("tensorboard") is None:
-        _log.warning(
-            "tensorboard is not installed (pip install tensorboard): training goes on without its "
-            "logs"
-        )
+        how = package_command("tensorboard")
+        _log.warning(f"tensorboard is not installed ({how}): training goes on without its logs")
         tensorboard = False
     return (
         configure(str(folder / "tensorboard"), ["tensorboard"]) if tensorboard else Logger(None, [])

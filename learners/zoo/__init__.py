@@ -6,15 +6,18 @@ from __future__ import annotations
 
 from importlib import resources
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal
 
 from stancekit.planners.files.documents import read_json
 
-FOLDERS = {
-    "selectors": "stancekit.learners.zoo",
-    "scorers": "stancekit.learners.leaps",
-    "surrogates": "stancekit.learners.surrogates",
-}
+FOLDERS = MappingProxyType(
+    {
+        "selectors": "stancekit.learners.zoo",
+        "scorers": "stancekit.learners.leaps",
+        "surrogates": "stancekit.learners.surrogates",
+    }
+)
 
 
 def shipped(kind: Literal["selectors", "scorers", "surrogates"]) -> dict[str, Path]:

@@ -12,13 +12,14 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import cached_property
-from ..errors import InvalidInput
+from ..errors import InvalidInput, NoColumn
 from ..files.arrays import Array
 from ..files.codec import embedded
 from ..files.documents import shown
@@ -34,14 +35,16 @@ if TYPE_CHECKING:
     from .certificate import Way
     from .trajectory import WalkQuestion
 
-KINDS: Mapping[str, type] = {
-    **dict.fromkeys(("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad"), np.float64),
-    **dict.fromkeys(("toes_m", "forces_n", "points_m", "point_forces_n"), np.float64),
-    **dict.fromkeys(("joints_rad", "legs_turn_rad", "gather"), np.float64),
-    **dict.fromkeys(("times_s", "torso_m", "rotation", "feet_m"), np.float64),
-    **dict.fromkeys(("choice", "modes"), np.int_),
-    "contact": np.bool_,
-}
+KINDS: Mapping[str, type] = MappingProxyType(
+    {
+        **dict.fromkeys(("com_m", "velocity_m_s", "momentum_m2_s", "rotation_rad"), np.float64),
+        **dict.fromkeys(("toes_m", "forces_n", "points_m", "point_forces_n"), np.float64),
+        **dict.fromkeys(("joints_rad", "legs_turn_rad", "gather"), np.float64),
+        **dict.fromkeys(("times_s", "torso_m", "rotation", "feet_m"), np.float64),
+        **dict.fromkeys(("choice", "modes"), np.int_),
+        "contact": np.bool_,
+    }
+)
 """The arrays of motions, and what they are of."""
 
 
@@ -61,7 +64,13 @@ def held(thing: Any, kind: type, *names: str) -> None:
 
 
 class Evidence:
-    """Base of what answers a question by arrays."""
+    """Base of what answers a question by arrays; those of a copy are read-only, too."""
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        for value in (*state.values(), *state.get("columns", {}).values()):
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
 
     @property
     def word(self) -> str:
@@ -229,6 +238,10 @@ class Motion(Evidence, Generic[Q]):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not hasattr(self.problem, "columns"):
+            raise InvalidInput(
+                f"problem: expected what a motion answers, got {shown(self.problem)}"
+            )
         came = {name for name in (*KINDS, "timing", "parts") if getattr(self, name) is not None}
         asked = set(self.problem.columns()) or {"parts"}
         odd = (came - asked) | (asked - came - set(LATER))
@@ -276,11 +289,21 @@ class Motion(Evidence, Generic[Q]):
         """Tell whether its rows are key frames, which whoever follows them times."""
         return self.has("choice") and not self.has("timing")
 
+    def _column(self, name: str) -> Any:
+        """One of its columns, or of its question's tables.
+
+        Raises NoColumn where its kind of motion has none.
+        """
+        if (column := getattr(self, name, getattr(self.problem, name, None))) is None:
+            known = ", ".join(self.problem.columns()) or "parts"
+            raise NoColumn(f"{self.word} {self.name}: expected one with {name}, got one of {known}")
+        return column
+
     @property
     def patches(self) -> list[Patch]:
         """The patch that was chosen for every foothold."""
-        asked: Any = self.problem
-        return [asked.patch(p, self.choice) for p in range(len(asked.footholds))]
+        asked, choice = cast(Any, self.problem), self._column("choice")
+        return [asked.patch(p, choice) for p in range(len(asked.footholds))]
 
     def moment(self, when: float) -> str:
         """A time of the motion, in words, for messages of the verifier."""
@@ -425,7 +448,7 @@ class Motion(Evidence, Generic[Q]):
 
     def toes_at(self: Motion[Problem], frame: int) -> Array:
         """Places where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
-        return np.asarray(self.toes_m[self.problem.holds[frame]])
+        return np.asarray(self._column("toes_m")[self.problem.holds[frame]])
 
     def forces_at(
         self: Motion[Problem],
@@ -444,7 +467,7 @@ class Motion(Evidence, Generic[Q]):
         and then balance, friction cones and force bounds are convex in the forces. A limb in the
         air counts with zero force, which the bounds admit.
         """
-        stances = self.problem.stances
+        stances = self._column("stances")
         at = [s for s, stance in enumerate(stances) if stance.frame == frame]
         rows = [s for s in at if tuple(stances[s].limbs) == support] or at
         return np.asarray((self.forces_n if forces_n is None else forces_n)[rows].mean(axis=0))
@@ -462,7 +485,7 @@ class Motion(Evidence, Generic[Q]):
 
     def posture(self: Motion[Problem], stance: int) -> Motion[Problem]:
         """The plan of the posture problem of one stance: of one frame, with its limbs only."""
-        of = self.problem.stances[stance]
+        of = self._column("stances")[stance]
         limbs = list(of.limbs)
         soles = dict[str, Array]()
         if self.points_m is not None and self.point_forces_n is not None:
@@ -498,7 +521,8 @@ class Motion(Evidence, Generic[Q]):
     @property
     def samples(self) -> int:
         """K, how many samples there are."""
-        return int(self.times_s.shape[0]) if self.times_s.ndim else 0
+        times_s = self._column("times_s")
+        return len(times_s) if times_s.ndim else 0
 
     @property
     def step_s(self) -> float:
@@ -517,14 +541,15 @@ class Motion(Evidence, Generic[Q]):
     @property
     def turned_rad(self) -> Array:
         """``legs_turn_rad``, 0 where it is not known, shape (M, 3) [rad]."""
-        return (
-            np.zeros((len(self.forces_n), 3)) if self.legs_turn_rad is None else self.legs_turn_rad
-        )
+        if self.legs_turn_rad is not None:
+            return self.legs_turn_rad
+        return np.zeros((len(self._column("forces_n")), 3))
 
     @property
     def ends_s(self: Motion[Leap]) -> Array:
         """Times at which the M intervals of a leap begin and end, shape (M + 1,) [s]."""
-        return self.problem.times_s(self.timing)
+        timing = self._column("timing")
+        return self.problem.times_s(timing)
 
 
 def _plain(name: str, value: Any) -> str | float:

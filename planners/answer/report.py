@@ -11,36 +11,41 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, Generic, Literal, TypeVar
 
 from ..arguments import cached_property
 from .motion import Evidence, seal
 from .plan import LEAP_BODY, MARGIN, WHOLE_BODY
 
-GROUPS = {
-    "patch": "m",
-    "force_balance": "N",
-    "moment_balance": "Nm",
-    "friction": "N",
-    "force_bounds": "N",
-    "reach": "m",
-    "tilt": "rad",
-    "com": "m",
-}
+GROUPS = MappingProxyType(
+    {
+        "patch": "m",
+        "force_balance": "N",
+        "moment_balance": "Nm",
+        "friction": "N",
+        "force_bounds": "N",
+        "reach": "m",
+        "tilt": "rad",
+        "com": "m",
+    }
+)
 """The groups of constraints of a posture in the order of a report, and the unit of what is
 violated."""
-PLAN_GROUPS = {
-    **GROUPS,
-    "terrain": "m",
-    "idle_force": "N",
-    "start": "m",
-    "schedule": "",
-    "com_step": "m",
-    "toe_step": "m",
-    "relative_reach": "m",
-    "rotation_step": "rad",
-    "progress": "m",
-}
+PLAN_GROUPS = MappingProxyType(
+    {
+        **GROUPS,
+        "terrain": "m",
+        "idle_force": "N",
+        "start": "m",
+        "schedule": "",
+        "com_step": "m",
+        "toe_step": "m",
+        "relative_reach": "m",
+        "rotation_step": "rad",
+        "progress": "m",
+    }
+)
 """Those of a plan: those of its stances, and what couples its key frames."""
 LATE = "the time limit ended"
 """The beginning of a group's message where the time ended before the group was checked."""

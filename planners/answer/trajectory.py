@@ -5,7 +5,7 @@ nothing of how it was made.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -91,19 +91,10 @@ class WalkQuestion:
 
     def to_json(self) -> dict[str, Any]:
         """The walk as JSON-ready values; the heights of its terrain are among the arrays."""
-        return {
-            "format": self.FORMAT,
-            "robot": self.robot.to_json(),
-            "terrain": self.terrain.name,
-            "friction": self.friction,
-            "adhesive": self.adhesive.tolist(),
-            "start": self.start.tolist(),
-            "goal": self.goal.tolist(),
-            "heading_rad": self.heading_rad,
-            "heading_end_rad": self.heading_end_rad,
-            "still": list(self.still),
-            "suction_n": self.suction_n,
-        }
+        told = {each.name: getattr(self, each.name) for each in fields(self)}
+        told |= {name: told[name].tolist() for name in ("adhesive", "start", "goal")}
+        told |= {"robot": self.robot.to_json(), "terrain": self.terrain.name}
+        return {"format": self.FORMAT, **told, "still": list(self.still)}
 
     def columns(self, rows: int = 0) -> dict[str, tuple[int, ...]]:
         """The shape of each array of a walk of so many samples, by name."""

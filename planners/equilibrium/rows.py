@@ -17,6 +17,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, Generic
 
 import clarabel
@@ -51,12 +52,14 @@ def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.Def
     return settings
 
 
-STATUS = {
-    clarabel.SolverStatus.Solved: ConicStatus.SOLVED,
-    clarabel.SolverStatus.AlmostSolved: ConicStatus.SOLVED,
-    clarabel.SolverStatus.PrimalInfeasible: ConicStatus.INFEASIBLE,
-    clarabel.SolverStatus.AlmostPrimalInfeasible: ConicStatus.INFEASIBLE,
-}
+STATUS = MappingProxyType(
+    {
+        clarabel.SolverStatus.Solved: ConicStatus.SOLVED,
+        clarabel.SolverStatus.AlmostSolved: ConicStatus.SOLVED,
+        clarabel.SolverStatus.PrimalInfeasible: ConicStatus.INFEASIBLE,
+        clarabel.SolverStatus.AlmostPrimalInfeasible: ConicStatus.INFEASIBLE,
+    }
+)
 """Statuses of Clarabel; what is not here failed."""
 EXACT = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible)
 

@@ -21,7 +21,7 @@ from dataclasses import fields, is_dataclass
 from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any, TypeVar, cast, get_args, get_type_hints
+from typing import IO, Any, ClassVar, TypeVar, cast, get_args, get_type_hints
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers.expat import ExpatError, ParserCreate
@@ -72,6 +72,12 @@ def _check_growth(text: str, deepest: int, most: int) -> None:
             raise InvalidInput(f"expected {deepest} levels of nesting or fewer, got more")
         if count > most:
             raise InvalidInput(f"expected {most} values or fewer, aliases replaced, got more")
+
+
+class Strict:
+    """Base of data classes that files are read as: a key that is no field is refused."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
 
 class _Once(_Parser):  # type: ignore[misc]

@@ -10,14 +10,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field, create_model
 
 from ..answer.certificate import Certificate, Way
 from ..answer.motion import LATER, Evidence, Motion, seal
@@ -57,21 +58,29 @@ _Reader = Callable[[Any, str, dict[str, NDArray[Any]]], dict[str, Any]]
 file, and the arrays, of which it takes what is not the motion's own."""
 
 
-class _WalkKeys(BaseModel):
-    """The question of a walk, but for the heights of its terrain."""
-
-    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
-    format: Literal["stancekit/walk/1"]
-    robot: dict[str, Any]
-    terrain: str
-    friction: float
-    adhesive: list[bool]
-    start: list[float] = Field(min_length=2, max_length=2)
-    goal: list[float] = Field(min_length=2, max_length=2)
-    heading_rad: float | None
-    heading_end_rad: float | None
-    still: list[bool] = Field(min_length=2, max_length=2)
-    suction_n: float | None
+_TWO = Field(min_length=2, max_length=2)
+_IN_JSON: Mapping[str, Any] = MappingProxyType(
+    {
+        "Robot": dict[str, Any],
+        "HeightField": str,
+        "float": float,
+        "float | None": float | None,
+        "NDArray[np.bool_]": list[bool],
+        "Array": Annotated[list[float], _TWO],
+        "tuple[bool, bool]": Annotated[list[bool], _TWO],
+    }
+)
+"""The values of a file that stand for a field of ``WalkQuestion``, by the field's annotation."""
+_OF_WALK: dict[str, Any] = {
+    "format": (Literal["stancekit/walk/1"], ...),
+    **{each.name: (_IN_JSON[str(each.type)], ...) for each in fields(WalkQuestion)},
+}
+_WalkKeys = create_model(
+    "_WalkKeys",
+    __config__=ConfigDict(extra="forbid", strict=True, defer_build=True),
+    **_OF_WALK,
+)
+"""The question of a walk, but for the heights of its terrain."""
 
 
 def _walk(data: Any, where: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import itertools
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Literal, get_args
 
 import numpy as np
@@ -394,7 +395,9 @@ class LeapSearch:
 _ORDERS: tuple[Order, ...] = ("random", "rule", "farkas", "finder", "noise")
 """In which a leap's tries are made: random ones before there are cuts, noise about the best that
 the others found."""
-LABELS = {Status.FEASIBLE: "solved", Status.INFEASIBLE: "refuted", Status.UNDECIDED: "unsolved"}
+LABELS = MappingProxyType(
+    {Status.FEASIBLE: "solved", Status.INFEASIBLE: "refuted", Status.UNDECIDED: "unsolved"}
+)
 """Labels of a try: has its choice of contacts a leap?"""
 
 

@@ -15,6 +15,7 @@ nothing else.
 from __future__ import annotations
 
 from collections.abc import Callable
+from types import MappingProxyType
 
 import numpy as np
 
@@ -28,10 +29,19 @@ from .numbers import LeapGiven
 
 SPEED_RESERVE = 0.97
 """Share of speeds and powers that plans use: rows ask at the ends of intervals."""
-PRICES = {"moment": 1.0, "turn": 0.1, "speed": 0.05, "power": 0.05, "fold": 0.3, "inside": 1.0}
-"""Price of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, and m."""
-PRICES["joints"] = 0.2
-"""Price of the largest share of a joint's speed or torque beyond what is asked for."""
+PRICES = MappingProxyType(
+    {
+        "moment": 1.0,
+        "turn": 0.1,
+        "speed": 0.05,
+        "power": 0.05,
+        "fold": 0.3,
+        "inside": 1.0,
+        "joints": 0.2,
+    }
+)
+"""Price of a unit of slack, by group: m²/s, rad, m/s, units of the weight times m/s, m, and the
+largest share of a joint's speed or torque beyond what is asked for."""
 SLACKS = tuple(PRICES)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
@@ -265,9 +266,9 @@ def rotation_rate(rotation_rad: Array, angular_velocity_rad_s: Array) -> Array:
 
 
 FORMAT = "stancekit/motion/1"
-OF_JOINTS = {"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"}
+OF_JOINTS = MappingProxyType({"angles_rad": "q", "rates_rad_s": "qd", "torques_nm": "tau"})
 """Arrays with a column per joint, and what the columns' names begin with."""
-OF_LIMBS = {"contact": "contact", "forces_n": "force", "feet_m": "foot"}
+OF_LIMBS = MappingProxyType({"contact": "contact", "forces_n": "force", "feet_m": "foot"})
 """The same of those with a column, or three, per limb."""
 _LARGEST = 1e10
 """No place, speed or force of a motion is larger, nor seconds since 1970 for some centuries."""

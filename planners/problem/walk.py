@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -64,19 +65,21 @@ _HEIGHT_M = 0.42
 _SHORTEST = 4.0
 """Steps of the grid in the shortest cycle: in two of them a foot swings."""
 
-GAITS = {
-    gait.name: gait
-    for gait in (
-        # feet LF, RF, LH, RH
-        Gait(name="walk", cycle_s=1.6, duty=0.75, offsets=(0.25, 0.75, 0.0, 0.5)),
-        Gait(name="trot", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.5, 0.0)),
-        Gait(name="pace", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.5, 0.0, 0.5)),
-        Gait(name="bound", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.0, 0.5, 0.5)),
-        Gait(name="gallop", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.1667, 0.5, 0.6667)),
-        # feet LF, LM, LR, RF, RM, RR
-        Gait(name="tripod", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.0, 0.5, 0.0, 0.5)),
-    )
-}
+GAITS = MappingProxyType(
+    {
+        gait.name: gait
+        for gait in (
+            # feet LF, RF, LH, RH
+            Gait(name="walk", cycle_s=1.6, duty=0.75, offsets=(0.25, 0.75, 0.0, 0.5)),
+            Gait(name="trot", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.5, 0.0)),
+            Gait(name="pace", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.5, 0.0, 0.5)),
+            Gait(name="bound", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.0, 0.5, 0.5)),
+            Gait(name="gallop", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.1667, 0.5, 0.6667)),
+            # feet LF, LM, LR, RF, RM, RR
+            Gait(name="tripod", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.0, 0.5, 0.0, 0.5)),
+        )
+    }
+)
 """Gaits by name. Left and right pairs of the pace, front and hind ones of the bound push in turn,
 and in the gallop one foot after the other; they are slow ones, whose pairs hand over the weight in
 .2 s, without a flight."""

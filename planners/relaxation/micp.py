@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from types import MappingProxyType
 from typing import Any, Literal, cast, get_args
 
 import cvxpy as cp
@@ -27,18 +28,18 @@ from .mccormick import Axes
 from .papers import Breaks, Encoding, micp
 
 _ANY = 1e9  # gap: the first point found ends the search, since a claim needs no best point
-SOLVERS: dict[
-    str, tuple[str, str, tuple[str, str], dict[str, Any]]
-] = {  # module, time limit, gaps, other options
-    "highs": (
-        "highspy",
-        "time_limit",
-        ("mip_rel_gap", "mip_abs_gap"),
-        {"threads": 1, "parallel": "off"},
-    ),
-    "scip": ("pyscipopt", "limits/time", ("limits/gap", "limits/absgap"), {}),
-    "gurobi": ("gurobipy", "TimeLimit", ("MIPGap", "MIPGapAbs"), {"Threads": 1}),
-}
+SOLVERS: Mapping[str, tuple[str, str, tuple[str, str], dict[str, Any]]] = MappingProxyType(
+    {  # module, time limit, gaps, other options
+        "highs": (
+            "highspy",
+            "time_limit",
+            ("mip_rel_gap", "mip_abs_gap"),
+            {"threads": 1, "parallel": "off"},
+        ),
+        "scip": ("pyscipopt", "limits/time", ("limits/gap", "limits/absgap"), {}),
+        "gurobi": ("gurobipy", "TimeLimit", ("MIPGap", "MIPGapAbs"), {"Threads": 1}),
+    }
+)
 GUROBI_LIMITS = "gurobi ended without an answer: its free licence takes 2000 variables and 2000 rows, and 200 variables with cones"
 _ABSOLUTE_GAP = 1e-4
 """Absolute gap of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off

@@ -26,16 +26,16 @@ from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, check_numbers, checked, collect_errors, cross, read_only
 from ..files.codec import LATER, Within, check_limits
-from ..files.documents import parse_yaml, read_json, read_yaml, shown, validated
+from ..files.documents import Strict, parse_yaml, read_json, read_yaml, shown, validated
 from ..terrain.polygon import checked_sole, half_planes
 
 _SMALL_RAD = 1e-3
@@ -575,7 +575,7 @@ _Curve = Literal["linear", "flat"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ActuatorModel:
+class ActuatorModel(Strict):
     """One kind of actuator, all at the joint, behind its gears.
 
     Arguments:
@@ -592,8 +592,6 @@ class ActuatorModel:
             None for the robot's usual drive.
         source: origin of the numbers.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     stall_nm: float
     no_load_rad_s: float
@@ -655,14 +653,12 @@ _POSITIVE = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Actuators:
+class Actuators(Strict):
     """Table of the actuators of joints.
 
     Arguments:
         joints: names or patterns, the first that fits counts.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     joints: Annotated[Mapping[str, str], Field(min_length=1)]
     actuators: Mapping[str, ActuatorModel] = field(default_factory=dict)

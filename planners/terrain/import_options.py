@@ -5,10 +5,11 @@ never guessed.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
@@ -20,11 +21,13 @@ Kind = Literal["mesh", "grid", "cloud"]
 Holes = Literal["no-go", "fill"]
 _UPS = ("x", "y", "z")
 _KINDS: tuple[Kind, ...] = ("mesh", "grid", "cloud")
-SUFFIXES_OF: dict[Kind, tuple[str, ...]] = {
-    "grid": (".npy", ".npz", ".csv", ".png"),
-    "mesh": (".stl", ".obj", ".ply", ".dae", ".off", ".glb", ".xml"),
-    "cloud": (".pcd", ".xyz"),
-}
+SUFFIXES_OF: Mapping[Kind, tuple[str, ...]] = MappingProxyType(
+    {
+        "grid": (".npy", ".npz", ".csv", ".png"),
+        "mesh": (".stl", ".obj", ".ply", ".dae", ".off", ".glb", ".xml"),
+        "cloud": (".pcd", ".xyz"),
+    }
+)
 """Endings of files that say by their name what they hold, but for a .ply."""
 SUFFIXES = tuple(suffix for suffixes in SUFFIXES_OF.values() for suffix in suffixes)
 _HOLES: tuple[Holes, ...] = ("no-go", "fill")

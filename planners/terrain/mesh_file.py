@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -26,14 +27,16 @@ from .mesh_formats.numbers import MOST_TRIANGLES, Reader, Surface, TooMany, Tria
 from .mesh_formats.ply import read_obj, read_off, read_ply, read_stl
 from .mesh_formats.scenes import read_collada, read_glb
 
-READERS: dict[str, Reader] = {
-    ".stl": read_stl,
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".dae": read_collada,
-    ".off": read_off,
-    ".glb": read_glb,
-}
+READERS: Mapping[str, Reader] = MappingProxyType(
+    {
+        ".stl": read_stl,
+        ".obj": read_obj,
+        ".ply": read_ply,
+        ".dae": read_collada,
+        ".off": read_off,
+        ".glb": read_glb,
+    }
+)
 """The reader of each format, by the ending of a file's name."""
 
 MOST_BYTES = 128_000_000

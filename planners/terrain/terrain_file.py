@@ -223,7 +223,8 @@ def _of_pcd(content: bytes, path: Path) -> Array:
         ) from None
 
 
-_MAY_HOLD = SUFFIXES_OF | {
+_MAY_HOLD = {
+    **SUFFIXES_OF,
     "cloud": (*SUFFIXES_OF["cloud"], ".ply", ".npy", ".csv"),
     "grid": (*SUFFIXES_OF["grid"], *SUFFIXES_OF["mesh"]),
 }

@@ -27,6 +27,7 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ from ..terrain.patch import Patch
 from .certificate import proof_report
 from .explain import Explanation
 
-KINDS = {"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4}
+KINDS = MappingProxyType({"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4})
 _MOST_NODES, _MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05
 STEEPEST_RAD = 1.5
 """Slope and friction together from which a contact may pull."""

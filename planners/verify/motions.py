@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -77,23 +78,27 @@ _UNITS = {
     "effort": "1",
 }
 """The groups in the order of a report, and the unit of what is measured."""
-COLUMNS = {
-    "rates": "rates_rad_s",
-    "com": "com_m",
-    "com_velocity": "velocity_m_s",
-    "turning": "turning_rad_s",
-    "feet": "feet_m",
-    "effort": "torques_nm",
-}
+COLUMNS = MappingProxyType(
+    {
+        "rates": "rates_rad_s",
+        "com": "com_m",
+        "com_velocity": "velocity_m_s",
+        "turning": "turning_rad_s",
+        "feet": "feet_m",
+        "effort": "torques_nm",
+    }
+)
 """Groups that compare a column with what follows from the others, where the table has it."""
 _PLACED = ("origin_m", "quaternion")
-NEEDS = {
-    "contact_gap": (*_PLACED, "contact"),
-    **dict.fromkeys(
-        ("penetration", "slip", "balance", "bodies", "com", "turning", "feet"), _PLACED
-    ),
-    **dict.fromkeys(("forces", "cone", "swing_force", "effort"), (*_PLACED, "forces_n")),
-}
+NEEDS = MappingProxyType(
+    {
+        "contact_gap": (*_PLACED, "contact"),
+        **dict.fromkeys(
+            ("penetration", "slip", "balance", "bodies", "com", "turning", "feet"), _PLACED
+        ),
+        **dict.fromkeys(("forces", "cone", "swing_force", "effort"), (*_PLACED, "forces_n")),
+    }
+)
 """The columns that groups need beside times and angles."""
 _WITHOUT = {
     **dict.fromkeys(_PLACED, "where the body is and how it is turned is not known"),

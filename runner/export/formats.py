@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -548,37 +549,41 @@ class _Format:
     write: Callable[[Moved, Path], None]
 
 
-FORMATS: Mapping[str, _Format] = {
-    "csv": _Format(
-        suffixes=(".csv",),
-        joints=False,
-        write=lambda moved, path: write_bytes(path, csv_of(moved.table)),
-    ),
-    "npz": _Format(
-        suffixes=(".npz",),
-        joints=False,
-        write=lambda moved, path: write_bytes(path, npz_of(moved.table, open_loop=moved.open_loop)),
-    ),
-    "jointtrajectory": _Format(
-        suffixes=(".json", ".yaml", ".yml"),
-        joints=True,
-        write=lambda moved, path: write_bytes(
-            path, joint_trajectory_bytes(moved.table, path.suffix)
+FORMATS: Mapping[str, _Format] = MappingProxyType(
+    {
+        "csv": _Format(
+            suffixes=(".csv",),
+            joints=False,
+            write=lambda moved, path: write_bytes(path, csv_of(moved.table)),
         ),
-    ),
-    "mujoco": _Format(
-        suffixes=(".xml",),
-        joints=True,
-        write=lambda moved, path: write_bytes(path, _mjcf_of(moved).encode()),
-    ),
-    "reference": _Format(
-        suffixes=(".npz",),
-        joints=True,
-        write=lambda moved, path: write_bytes(path, _reference_bytes(moved)),
-    ),
-    "crocoddyl": _Format(suffixes=(".npz",), joints=True, write=_write_crocoddyl),
-    "foxglove": _Format(suffixes=(".mcap",), joints=False, write=_write_mcap),
-}
+        "npz": _Format(
+            suffixes=(".npz",),
+            joints=False,
+            write=lambda moved, path: write_bytes(
+                path, npz_of(moved.table, open_loop=moved.open_loop)
+            ),
+        ),
+        "jointtrajectory": _Format(
+            suffixes=(".json", ".yaml", ".yml"),
+            joints=True,
+            write=lambda moved, path: write_bytes(
+                path, joint_trajectory_bytes(moved.table, path.suffix)
+            ),
+        ),
+        "mujoco": _Format(
+            suffixes=(".xml",),
+            joints=True,
+            write=lambda moved, path: write_bytes(path, _mjcf_of(moved).encode()),
+        ),
+        "reference": _Format(
+            suffixes=(".npz",),
+            joints=True,
+            write=lambda moved, path: write_bytes(path, _reference_bytes(moved)),
+        ),
+        "crocoddyl": _Format(suffixes=(".npz",), joints=True, write=_write_crocoddyl),
+        "foxglove": _Format(suffixes=(".mcap",), joints=False, write=_write_mcap),
+    }
+)
 """By the name that ``export --to`` takes."""
 
 

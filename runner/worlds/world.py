@@ -9,14 +9,14 @@ from functools import lru_cache
 from inspect import isabstract
 from math import isfinite, sqrt
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, checked, checked_name
-from stancekit.planners.files.documents import read_yaml, shown, validated, yaml_of
+from stancekit.planners.files.documents import Strict, read_yaml, shown, validated, yaml_of
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.plugins import Registry
@@ -107,7 +107,7 @@ def points(depths_m: Array, normals: Array) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulationSetup:
+class SimulationSetup(Strict):
     """The set-up file of a simulation: what of the world is not as usual.
 
     Arguments:
@@ -115,8 +115,6 @@ class SimulationSetup:
         contact_damping_ns_m: force per speed of sinking [N s/m]; without it that of a robot which
             sinks without swinging.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     format: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
     contact_stiffness_n_m: Annotated[float | None, Field(gt=0.0, le=_MOST_N_M)] = None
@@ -512,7 +510,7 @@ def make_world(
 
 
 @dataclass(frozen=True, kw_only=True)
-class SetupFile:
+class SetupFile(Strict):
     """The joints of a device, by name.
 
     Subclasses have ``joints``, and ``format`` by which their files begin.
@@ -521,8 +519,6 @@ class SetupFile:
         robot: the name of the robot that the device moves; a plan for another one is refused. None
             says nothing.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     format: str
     robot: Annotated[str | None, Field(min_length=1)] = None

@@ -96,16 +96,16 @@ def test_json_is_an_object_a_cell(tmp_path, capsys):
 
 def test_kept_cells_alone_are_shown_without_measuring(tmp_path, capsys, measured):
     with refuses(tmp_path):
-        bench(tmp_path, tables_only=True).run()
+        bench(tmp_path, kept=True).run()
     bench(tmp_path).run()
     count = len(measured)
-    assert bench(tmp_path, tables_only=True).run() == 0
+    assert bench(tmp_path, kept=True).run() == 0
     assert len(measured) == count
 
 
 def test_kept_cells_are_looked_for_in_a_folder_that_there_is(tmp_path):
     with refuses("typo"):
-        bench(tmp_path / "typo", tables_only=True).run()
+        bench(tmp_path / "typo", kept=True).run()
     assert not (tmp_path / "typo").exists()
     assert bench(tmp_path / "new" / "one").run() == 0
 

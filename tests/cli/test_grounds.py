@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from stancekit import FootholdLimits
 from stancekit.cli.main import run
-from stancekit.cli.options import TerrainFile
+from stancekit.cli.options import FootholdOptions, TerrainFile
 from stancekit.cli.terrain import Warp
 from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES, level_of
+from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.terrain.terrain_file import read_heights
 from stancekit.planners.warp.spline_map import SplineMap
@@ -305,3 +308,12 @@ def test_a_terrain_that_is_not_there_says_what_could_be(capsys):
     assert capsys.readouterr().err.startswith(
         "stancekit: error: terrain: expected a file, one of ripple, cone"
     )
+
+
+def test_options_have_the_defaults_of_what_they_stand_for() -> None:
+    assert [
+        each.name
+        for kind, of in ((FootholdOptions, FootholdLimits), (TerrainFile, ImportOptions))
+        for each in fields(kind)
+        if each.default and getattr(of, each.name) != each.default
+    ] == []

@@ -217,7 +217,7 @@ def test_scores_that_were_fitted_to_tries_plan_a_leap_and_have_a_row(stancekit):
         ),
         (
             "plan walls --frames 2 --policy scores.safetensors",
-            "--policy: expected a leap with it, got walls",
+            "--policy: expected none with the course walls, got scores.safetensors",
         ),
         ("plan leap-base:0 --policy none.safetensors", "none.safetensors"),
         (

@@ -240,6 +240,13 @@ def test_bodies_are_where_the_scene_has_them(shape, across, up):
 
 
 @pytest.mark.usefixtures("gl")
+def test_terrain_may_be_one_triangle():
+    corners = np.array([[-0.5, 0.0, -0.5], [0.5, 0.0, -0.5], [0.0, 0.0, 0.5]])
+    found = seen(facets=[Facet(corners_m=corners, normal=-np.eye(3)[1], colour="red")])
+    assert extent("red", *found) == pytest.approx((-0.5, 0.5) * 2, abs=0.03)
+
+
+@pytest.mark.usefixtures("gl")
 def test_an_arrow_runs_from_its_start_as_far_as_its_vector():
     arrow = Arrow(
         name="f",

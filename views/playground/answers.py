@@ -319,11 +319,14 @@ class Session:
                 base, number, since = self.scenario, self.number, time.perf_counter()
             edited = edit(base)
             with self._lock:
-                if number == self.number:
-                    self.scenario, self._since = edited, since
-                    self.number += 1
-                    self._bell.send_bytes(b"changed")
-                    return self.number
+                if number != self.number:
+                    continue
+                self.scenario, self._since = edited, since
+                self.number += 1
+            self._bell.send_bytes(
+                b"changed"
+            )  # it waits where the pipe is full, but holds nobody up
+            return number + 1
 
     def close(self) -> None:
         """End thread and process."""

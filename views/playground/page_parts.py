@@ -26,8 +26,9 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.verify import Report
 
-from ..plans import View
+from ..plans import PlanView, View
 from ..sheet import leg_colour
+from ..strips import cone_strip, torque_strip
 from .answers import SceneAnswer
 from .scenario import Grip, Slider
 
@@ -294,22 +295,6 @@ def from_behind(towards: Array, start_m: Array, goal_m: Array) -> Array:
     return np.asarray(towards - 2.0 * max(float(towards @ ahead), 0.0) * ahead)
 
 
-def said(colour: str, title: str, text: str, below: str, *, change: int, patient: bool) -> str:
-    """A verdict as HTML: a title in its colour, a sentence, and a quiet line.
-
-    Arguments:
-        change: that it answers.
-        patient: whether it is the last word on that.
-    """
-    return (
-        f'<div id="verdict" data-change="{change}" data-patient="{int(patient)}" style="border-left:5px solid '
-        f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
-        f'<div style="font-size:15px;font-weight:700;color:{colour}">{html.escape(title)}</div>'
-        f"<div>{html.escape(text)}</div>"
-        f'<div style="color:{_QUIET};font-size:11.5px">{html.escape(below)}</div></div>'
-    )
-
-
 def told(colour: str, words: str) -> str:
     """A line on what was saved, as HTML."""
     return (
@@ -371,40 +356,22 @@ def loads(
         solver: of the robot; without it no torque is known.
         near: angles that unknown ones are sought near, shape (J,) [rad].
     """
-    limbs = view.robot.limb_names
+    limbs, pressed_n = view.robot.limb_names, now.along_n
     torques, shares = _torques(len(limbs), now, solver, near)
+    cones = now.across_n / np.maximum(now.friction * pressed_n, 1e-9)
+    cones = np.where(now.across_n > 1e-6 * pressed_n, cones, 0.0)
+    cones = np.where(pressed_n < _CARRIES_N, np.nan, cones)
     return [
         LimbLoad(
             name=name,
             force_n=float(np.linalg.norm(now.forces_n[i])),
-            cone=cone_share(now.forces_n[i], now.normals[i], float(now.friction[i])),
+            cone=float(cones[i]),
             torque_nm=torques[i],
             torque=shares[i],
             in_air=not now.stands[i],
         )
         for i, name in enumerate(limbs)
     ]
-
-
-def cone_share(force_n: Array, normal: Array, friction: float) -> float:
-    """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for no force."""
-    pressed = float(force_n @ normal)
-    aside = float(np.linalg.norm(force_n - pressed * normal))
-    if pressed < _CARRIES_N:
-        return float("nan")
-    return aside / max(friction * pressed, 1e-9) if aside > 1e-6 * pressed else 0.0
-
-
-def margins(plan: Plan) -> tuple[float, int, str]:
-    """The largest share of a friction cone that any stance uses, its key frame, and its limb."""
-    course, worst = plan.problem, (0.0, 0, "")
-    for stance, forces in zip(course.stances, plan.forces_n, strict=True):
-        for i in stance.limbs:
-            patch = course.patch(int(course.holds[stance.frame, i]), plan.choice)
-            share = cone_share(forces[i], patch.normal, patch.friction)
-            if share > worst[0]:
-                worst = (share, stance.frame, course.robot.limb_names[i])
-    return worst
 
 
 def _torques(
@@ -427,19 +394,24 @@ def _torques(
 
 
 def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
-    """The verdict as HTML.
+    """The verdict as HTML: a title in its colour, a sentence, and a quiet line.
 
     Arguments:
         number: of the change that it answers.
         drawn_ms: since that change.
     """
     colour, title, text = _words(answer)
+    title, text = html.escape(title), html.escape(text)
     took = f"drawn after {drawn_ms:.0f} ms"
     if answer.patient:
         unit = "s" if isinstance(answer.course, Walk) else "CPU-s"
         took = f"judged in {sum(answer.seconds):.1f} {unit}"
-    return said(
-        colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient
+    return (
+        f'<div id="verdict" data-change="{number}" data-patient="{int(answer.patient)}" style="border-left:5px solid '
+        f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
+        f'<div style="font-size:15px;font-weight:700;color:{colour}">{title}</div>'
+        f"<div>{text}</div>"
+        f'<div style="color:{_QUIET};font-size:11.5px">change {number} · {took}</div></div>'
     )
 
 
@@ -532,8 +504,12 @@ def explained(limbs: list[str]) -> str:
     return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
 
 
-def summary(answer: SceneAnswer) -> str:
-    """The plan or the walk in a few numbers, as HTML; empty without one."""
+def summary(answer: SceneAnswer, view: View | None) -> str:
+    """The plan or the walk in a few numbers, as HTML; empty without one.
+
+    Arguments:
+        view: of the plan.
+    """
     plan = answer.plan
     if plan is None:
         return ""
@@ -544,8 +520,8 @@ def summary(answer: SceneAnswer) -> str:
             f"{robot.name}, {robot.mass_kg:.3g} kg ({robot.mass_kg * plan.gravity_m_s2:.1f} N)",
         )
     ]
-    if plan.keyed:
-        rows += _of_plan(plan, answer)
+    if isinstance(view, PlanView):
+        rows += _of_plan(view, answer)
         return key_values(rows)
     walked = plan.has("times_s")
     path_m, times_s = (plan.torso_m, plan.times_s) if walked else (plan.com_m, plan.ends_s)
@@ -556,15 +532,23 @@ def summary(answer: SceneAnswer) -> str:
     return key_values(rows)
 
 
-def _of_plan(plan: Plan, answer: SceneAnswer) -> list[tuple[str, str]]:
-    """What a plan has in hand, what it was planned with, and where it ends."""
-    course, (share, frame, limb) = plan.problem, margins(plan)
+def _of_plan(view: PlanView, answer: SceneAnswer) -> list[tuple[str, str]]:
+    """What a plan has in hand, as the strips below a picture of it have that, what it was planned
+    with, and where it ends.
+    """
+    plan, course = view.plan, view.plan.problem
     to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
-    least = f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else "")
-    rows = [("friction in hand", least)]
-    used = None if answer.report is None else answer.report.group("torque").figures.get("share")
-    if used is not None:
-        rows.append(("torque in hand", f"{100 * (1 - float(used)):.0f} % at least"))
+    strips = {"friction in hand": cone_strip(plan, view.keys)}
+    if answer.report is not None:
+        strips["torque in hand"] = torque_strip(plan)
+    rows = [
+        (
+            name,
+            f"{100 - used.values[used.worst]:.0f} % at least, at frame {used.at[used.worst]:.3g}",
+        )
+        for name, used in strips.items()
+        if len(used.values)
+    ]
     rows.append(("planned with", f"{100 * answer.share:.0f} % of the friction"))
     rows.append(("ends", f"{to_goal_mm:.0f} mm from the goal, after {course.frames} key frames"))
     return rows

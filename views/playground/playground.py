@@ -422,7 +422,7 @@ class Playground:
                     self._pose()
                 drawn_ms = 1e3 * (time.perf_counter() - since)
                 self._verdict.content = verdict(answer, number, drawn_ms)
-                self._summary.content = summary(answer)
+                self._summary.content = summary(answer, self._view)
             self._server.flush()
 
     def _pose(self) -> None:

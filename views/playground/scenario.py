@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -140,32 +141,34 @@ _AS_LAID = (
     replace(_FRICTION, label="friction of all surfaces, times", unit="", high=2.0),
     _MASS,
 )
-SLIDERS: Mapping[str, tuple[Slider, ...]] = {
-    "walls": _WALLS,
-    "icy-walls": _WALLS,
-    "ground-to-wall": _WALLS,
-    "stairs": (
-        *_COURSE,
-        _of_terrain("rises_m.0", "rise of a step", "m", -0.20, 0.30, 0.005, (0.06,)),
-        _of_terrain("run_m", "depth of a step", "m", 0.10, 0.60, 0.01, 0.26),
-        _of_terrain("first_m", "first riser at x", "m", -0.20, 1.00, 0.01, 0.30),
-    ),
-    "tube": (
-        *_COURSE,
-        _of_terrain("radius_m", "radius of the tube", "m", 0.20, 0.80, 0.005, 0.40),
-        _of_terrain("ring_m", "height of a ring", "m", 0.10, 0.60, 0.01, 0.25),
-    ),
-    "family": (
-        replace(_FRICTION, label="friction, times what was drawn"),
-        _MASS,
-        _FRAMES,
-        _of_terrain("level", "difficulty of the family", "", 0.0, 1.0, 0.01, 0.5),
-    ),
-    "between": (_FRICTION, replace(_FRAMES, high=_MOST_LAID)),
-    "laid": _AS_LAID,
-    "leap": _AS_LAID,
-    "walk": (replace(_FRICTION, label="friction of the terrain", low=0.05), _DURATION),
-}
+SLIDERS: Mapping[str, tuple[Slider, ...]] = MappingProxyType(
+    {
+        "walls": _WALLS,
+        "icy-walls": _WALLS,
+        "ground-to-wall": _WALLS,
+        "stairs": (
+            *_COURSE,
+            _of_terrain("rises_m.0", "rise of a step", "m", -0.20, 0.30, 0.005, (0.06,)),
+            _of_terrain("run_m", "depth of a step", "m", 0.10, 0.60, 0.01, 0.26),
+            _of_terrain("first_m", "first riser at x", "m", -0.20, 1.00, 0.01, 0.30),
+        ),
+        "tube": (
+            *_COURSE,
+            _of_terrain("radius_m", "radius of the tube", "m", 0.20, 0.80, 0.005, 0.40),
+            _of_terrain("ring_m", "height of a ring", "m", 0.10, 0.60, 0.01, 0.25),
+        ),
+        "family": (
+            replace(_FRICTION, label="friction, times what was drawn"),
+            _MASS,
+            _FRAMES,
+            _of_terrain("level", "difficulty of the family", "", 0.0, 1.0, 0.01, 0.5),
+        ),
+        "between": (_FRICTION, replace(_FRAMES, high=_MOST_LAID)),
+        "laid": _AS_LAID,
+        "leap": _AS_LAID,
+        "walk": (replace(_FRICTION, label="friction of the terrain", low=0.05), _DURATION),
+    }
+)
 """What may be slid, by the kind of the question, of a course by that of its terrain."""
 _SIDES = ("left wall", "right wall")
 _PACE_M_S = 0.25

@@ -5,8 +5,9 @@ is there.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
+from types import MappingProxyType
 from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
@@ -254,30 +255,32 @@ def _real(token: bytes) -> float:
     raise broken(f"expected numbers, got {shown(token[:40].decode(errors='replace'))}")
 
 
-FIELDS: dict[str, tuple[str, str, str]] = {
-    ".stl": ("facet count vertex", "", "normal attribute name"),
-    ".obj": ("v f", "surf curv curv2 cstype call csh", "vt vn vp p l g o s usemtl mtllib"),
-    ".off": ("ST C N OFF vertices faces", "4 n BINARY", "edges colours normals"),
-    ".ply": (
-        "format vertex x y z face vertex_indices vertex_index",
-        "tristrips",
-        "comment obj_info edge material red green blue nx ny nz s t",
-    ),
-    ".dae": (
-        "unit visual_scene node matrix translate rotate scale instance_node instance_geometry "
-        "instance_controller skin bind_shape_matrix mesh vertices source accessor triangles polylist "
-        "polygons trifans tristrips",
-        "lookat skew ph morph convex_mesh spline brep",
-        "up_axis lines linestrips normal texcoord material effect image camera light animation",
-    ),
-    ".glb": (
-        "scene scenes nodes children mesh matrix translation rotation scale primitives mode POSITION "
-        "indices byteStride normalized extensionsRequired",
-        "uri sparse skin weights EXT_mesh_gpu_instancing KHR_draco_mesh_compression "
-        "EXT_meshopt_compression KHR_meshopt_compression",
-        "NORMAL TANGENT TEXCOORD COLOR targets materials textures samplers cameras animations extras",
-    ),
-}
+FIELDS: Mapping[str, tuple[str, str, str]] = MappingProxyType(
+    {
+        ".stl": ("facet count vertex", "", "normal attribute name"),
+        ".obj": ("v f", "surf curv curv2 cstype call csh", "vt vn vp p l g o s usemtl mtllib"),
+        ".off": ("ST C N OFF vertices faces", "4 n BINARY", "edges colours normals"),
+        ".ply": (
+            "format vertex x y z face vertex_indices vertex_index",
+            "tristrips",
+            "comment obj_info edge material red green blue nx ny nz s t",
+        ),
+        ".dae": (
+            "unit visual_scene node matrix translate rotate scale instance_node instance_geometry "
+            "instance_controller skin bind_shape_matrix mesh vertices source accessor triangles polylist "
+            "polygons trifans tristrips",
+            "lookat skew ph morph convex_mesh spline brep",
+            "up_axis lines linestrips normal texcoord material effect image camera light animation",
+        ),
+        ".glb": (
+            "scene scenes nodes children mesh matrix translation rotation scale primitives mode POSITION "
+            "indices byteStride normalized extensionsRequired",
+            "uri sparse skin weights EXT_mesh_gpu_instancing KHR_draco_mesh_compression "
+            "EXT_meshopt_compression KHR_meshopt_compression",
+            "NORMAL TANGENT TEXCOORD COLOR targets materials textures samplers cameras animations extras",
+        ),
+    }
+)
 """By the ending of a file's name. The axis up of a .dae is what ``up`` says."""
 
 

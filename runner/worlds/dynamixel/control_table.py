@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import Strict
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import builtin_actuators
 
@@ -119,13 +121,15 @@ class ServoModel:
         return builtin_actuators()[self.name].stall_nm / self.stall_a
 
 
-MODELS = {
-    model.name: model
-    for model in (
-        ServoModel(name="XM430-W350", number=1020, current_a=1193 * AMPERE, stall_a=2.3),
-        ServoModel(name="XM540-W270", number=1120, current_a=2047 * AMPERE, stall_a=4.4),
-    )
-}
+MODELS = MappingProxyType(
+    {
+        model.name: model
+        for model in (
+            ServoModel(name="XM430-W350", number=1020, current_a=1193 * AMPERE, stall_a=2.3),
+            ServoModel(name="XM540-W270", number=1120, current_a=2047 * AMPERE, stall_a=4.4),
+        )
+    }
+)
 
 
 def hardware_errors(status: int) -> str:
@@ -138,7 +142,7 @@ Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointServo:
+class JointServo(Strict):
     """One servo. angle = direction · (tick − zero_tick) · 2π / 4096.
 
     Arguments:
@@ -150,8 +154,6 @@ class JointServo:
         rest_rad: joint angle at which the robot rests without torque, if known; a robot found
             elsewhere is calibrated wrong.
     """
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     id: Annotated[int, Field(ge=0, le=252, strict=True)]
     zero_tick: Annotated[int, Field(ge=0, lt=TICKS, strict=True)] = _CENTRE_TICK

@@ -363,8 +363,8 @@ class Estop:
 
     def _missing(self, publishers: list[str] | None, kind: str | None) -> str:
         """Fault of a missing e-stop, and what can be done."""
-        there = self._link.topics_of(BOOL)
-        hint = f"; of {BOOL} there are {', '.join(sorted(there)[:5])}" if there else ""
+        others = sorted({*(self._link.topics_of(BOOL) or ())} - {self.topic})[:5]
+        hint = f"; topics of {BOOL}: {', '.join(others)}" if others else ""
         if publishers and kind:
             return f"expected {BOOL}, it is {kind}{hint}"
         why = (
@@ -372,8 +372,6 @@ class Estop:
             if publishers == []
             else "nothing heard, and no rosapi to ask who publishes it"
         )
-        others = [each for each in there or [] if each != self.topic]
-        hint = f"; topics of {BOOL}: {', '.join(sorted(others)[:5])}" if others else ""
         return f"{why}{hint}; press and release it with --try-estop, or do without: --without-estop"
 
     def _take(self, message: Any) -> None:

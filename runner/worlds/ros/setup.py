@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import ConfigDict, Field
+from pydantic import Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import Strict
 
 from ..world import SetupFile, own
 
@@ -20,10 +21,8 @@ _Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class RosJoint:
+class RosJoint(Strict):
     """Name of a joint in ROS, and how it counts: ros = direction · angle + offset_rad."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     name: Annotated[str, Field(min_length=1)]
     direction: Literal[-1, 1] = 1

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stancekit.envs  # noqa: F401
+from stancekit.learners.evaluation import room as made
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.room import ENVIRONMENTS, environment_room, leap_room, paired
 from stancekit.learners.selectors.selector import load_selector
@@ -130,7 +131,7 @@ def test_a_walk_is_played_by_every_chart_and_by_chance(tmp_path, monkeypatch):
         for name in ("always ambient", "always decoupled", "random", "random-again")
     }
     plays = replace(plays, players=lambda: few)  # each takes a second of the processor
-    monkeypatch.setitem(ENVIRONMENTS, "WarpedGait-v0", plays)
+    monkeypatch.setattr(made, "ENVIRONMENTS", {"WarpedGait-v0": plays})
     room = environment_room("WarpedGait-v0", tmp_path, scenes=1, seed=3)
     rows = played(tmp_path, "WarpedGait-v0")
     assert {method for _, method in rows} == set(few)

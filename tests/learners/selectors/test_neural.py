@@ -372,10 +372,6 @@ def test_files_that_are_not_this_selector_are_refused_in_one_line(
         write_tensors(path, *written)
         with refuses("odd", name):
             NeuralSelector.load(path)
-    with refuses("wall-5"):
-        NeuralSelector.load(good, problem_class="wall-5")
-    with refuses("RF"):
-        NeuralSelector.load(good, legs=["RF"])
 
 
 def test_settings_out_of_range_are_refused() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset
+from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import load_selector
 from stancekit.learners.training.fitting import (
     KNOBS,
@@ -67,7 +68,7 @@ def test_what_a_method_learns_can_be_written_read_and_asked(
 
 
 def test_every_method_says_which_settings_made_it(dataset: Dataset) -> None:
-    assert set(KNOBS) == set(METHODS.names())
+    assert set(KNOBS) == {*METHODS.names(), "surrogate", *KINDS}
     assert fit("quantile", dataset, SETTINGS).provenance["settings"] == {"share": 0.05}
     assert SETTINGS.concerning("ga") == {
         "genetic": {"population": 4, "generations": 2, "terrains": 4}

@@ -8,6 +8,8 @@ import base64
 import io
 import json
 import os
+import pickle
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +19,7 @@ import stancekit
 from stancekit import Motion
 from stancekit.planners.answer.motion import seal
 from stancekit.planners.answer.trajectory import SAMPLES, WalkQuestion, robot_from_json
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, NoColumn
 from stancekit.planners.formats.motion_file import (
     read_motion,
     write_motion,
@@ -80,8 +82,9 @@ def test_arrays_are_read_only_copies():
     trajectory = replace(still(), feet_m=feet)
     feet[0] = 1.0
     assert not trajectory.feet_m.any()
-    with refuses("read-only", kind=ValueError):
-        trajectory.feet_m[0] = 1.0
+    for each in (trajectory, deepcopy(trajectory), pickle.loads(pickle.dumps(trajectory))):
+        with refuses("read-only", kind=ValueError):
+            each.feet_m[0] = 1.0
 
 
 def test_what_is_no_array_of_numbers_is_refused_at_once():
@@ -97,6 +100,11 @@ def test_columns_of_another_question_and_columns_that_lack_are_refused_at_once()
             replace(walk, **{name: other})
     with refuses("subject"):
         stancekit.margins(walk)
+    with refuses("problem"):
+        stancekit.Motion(problem=None)
+    assert not hasattr(walk, "patches")
+    with refuses("stances", kind=NoColumn):
+        walk.forces_at(0)
 
 
 def test_the_digest_hangs_on_every_field():

@@ -24,10 +24,9 @@ from stancekit.views.plans import PlanView, solver_of
 from stancekit.views.playground import answers as session_module
 from stancekit.views.playground.answers import SceneAnswer, Session, patient_answer, quick_answer
 from stancekit.views.playground.page_parts import (
-    cone_share,
     limb_table,
     loads,
-    margins,
+    summary,
     verdict,
 )
 from stancekit.views.playground.playground import Pictures, save_course, save_plan, struck
@@ -517,14 +516,6 @@ def test_a_scene_at_rest_is_judged_in_another_process_and_a_stale_verdict_is_dro
     assert (0, True) not in answers[answers.index((1, False)) :]
 
 
-def test_shares_of_cones_are_those_of_the_definition():
-    normal = np.array([0.0, 1.0, 0.0])
-    assert cone_share(np.array([3.0, 10.0, 4.0]), normal, 0.5) == pytest.approx(1.0)
-    assert cone_share(np.array([0.0, 10.0, 2.0]), normal, 0.8) == pytest.approx(0.25)
-    assert np.isnan(cone_share(np.zeros(3), normal, 0.5))
-    assert cone_share(np.array([0.0, 5.0, 0.0]), normal, 0.0) == 0.0
-
-
 def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch):
     from stancekit.planners.motion.plan_motion import key_sample
 
@@ -534,10 +525,10 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
     view = PlanView(plan)
     rows = loads(view, now, solver_of(plan.robot), view.near_rad(now))
     assert [row.force_n for row in rows] == pytest.approx(np.linalg.norm(plan.forces_at(2), axis=1))
-    share, frame, limb = margins(plan)
-    assert 0.0 < share <= 0.8 + 1e-6  # it is planned with 80 % of the friction
-    assert limb in plan.problem.robot.limb_names
-    assert 0 <= frame < 3
+    _, cone, torque = view.strips  # of a still
+    assert 0.0 < max(row.cone for row in rows) <= 0.01 * cone.values.max() + 1e-9 <= 0.8 + 1e-6
+    for used in (cone, torque):
+        assert f"{100 - used.values.max():.0f} % at least" in summary(answer, view)
     assert max(row.torque for row in rows) <= answer.report.group("torque").figures["share"] + 1e-6
     table = limb_table(rows, "<b>here</b>")
     assert "force [N]" in table
