@@ -72,16 +72,20 @@ def check_file(
     """
     from stancekit.planners.formats import motion_file
     from stancekit.planners.formats.table_file import is_table
-    from stancekit.planners.problem.sequence import is_sequence
 
     name = str(path)
     if margins and Path(path).suffix != ".json":
         raise InvalidInput(f"margins: expected the file of a plan with them, got {name}")
     data = read_json(path) if Path(path).suffix == ".json" else None
-    if is_sequence(path):
-        if exact or course is not None or tolerance != TOLERANCE:
-            raise InvalidInput(f"{name}: expected no course, exact or tolerance with a sequence")
-        return _check_sequence(Path(path), robot, terrain, why)
+    if data is None:
+        from stancekit.planners.problem.sequence import is_sequence  # and courses with it
+
+        if is_sequence(path):
+            if exact or course is not None or tolerance != TOLERANCE:
+                raise InvalidInput(
+                    f"{name}: expected no course, exact or tolerance with a sequence"
+                )
+            return _check_sequence(Path(path), robot, terrain, why)
     if is_table(path, data):
         if why or exact:
             option = "explain" if why else "exact"

@@ -221,9 +221,6 @@ def _between_places(
         settings: what plans have to keep.
         deadline: the time at which the search ends (``time.perf_counter``) [s].
     """
-    from stancekit.planners.leap.crossing import cross  # of gaps alone
-    from stancekit.planners.search.flood import flood
-
     begin = time.perf_counter()
     answer: Answer[Plan] | None = None
     try:
@@ -233,6 +230,9 @@ def _between_places(
         why = answer.message or answer.status.value
     except (NoPlace, PlanningFailed) as error:
         why = str(error)
+    from stancekit.planners.leap.crossing import cross  # of gaps alone
+    from stancekit.planners.search.flood import flood
+
     robot = question.robot
     leaps = settings.leaps and robot is not None and robot.own
     passage = (question if leaps else question.local).passage()  # crossings are in the world

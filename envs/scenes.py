@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.answer import Answer, Status
+from stancekit.planners.answer.answer import Status
 from stancekit.planners.answer.certificate import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.arguments import cached_property
@@ -88,17 +88,6 @@ class LabelledScene:
         asked for.
         """
         return margin_info(self.posture, "expert_")
-
-    @classmethod
-    def of(cls, problem: Problem, outcome: Answer[Plan]) -> LabelledScene:
-        """A problem that the expert decided."""
-        return cls(
-            problem=problem,
-            feasible=outcome.status is Status.FEASIBLE,
-            posture=outcome.solution,
-            lower_bound=outcome.bound,
-            expert_seconds=outcome.effort.seconds,
-        )
 
 
 def seen(scene: LabelledScene) -> dict[str, NDArray[np.float32]]:
@@ -211,7 +200,13 @@ class OneByOne:
             outcome = self._expert.solve(problem)
             if outcome.status is Status.UNDECIDED:
                 continue
-            scene = LabelledScene.of(problem, outcome)
+            scene = LabelledScene(
+                problem=problem,
+                feasible=outcome.status is Status.FEASIBLE,
+                posture=outcome.solution,
+                lower_bound=outcome.bound,
+                expert_seconds=outcome.effort.seconds,
+            )
             if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
                 return scene
         raise _never(self._distribution)

@@ -155,7 +155,7 @@ class SelectionTask:
         self.action_space = self._make_action_space()
         if len(self._terms.by_key) > len(RewardWeights.__dataclass_fields__):
             scene = copy.copy(self.scenes).draw(np.random.default_rng(0))
-            self.judge(scene, self._widest())  # which a user's term may not bear
+            self.judge_all((scene,), (self._widest(),))  # which a user's term may not bear
 
     def _widest(self) -> Any:
         """An action: the first box of a library, or boxes as wide as the domain."""
@@ -193,15 +193,11 @@ class SelectionTask:
                 f"of up to {size[1]} corners"
             )
 
-    def judge(self, scene: LabelledScene, action: NDArray[np.float32] | np.int64) -> _Verdict:
-        """Relax over the chosen boxes, project, compare with the expert."""
-        return self.judge_all((scene,), (action,))[0]
-
     def judge_all(
         self, scenes: Sequence[LabelledScene], actions: Sequence[Any] | NDArray[Any]
     ) -> list[_Verdict]:
-        """``judge`` of an action a scene, the postures of all verified together: every bit is that
-        of one by one.
+        """Relax over the boxes of an action a scene, project, compare with the expert, the postures
+        of all verified together: every bit is that of one by one.
         """
         choices = [self._envelopes(action) for action in actions]
         begin = time.perf_counter()
@@ -488,7 +484,7 @@ class EnvelopeSelectionEnv(TaskEnv[LabelledScene]):
 
     def _act(self, episode: LabelledScene, action: NDArray[np.float32] | np.int64) -> Step:
         """Relax over the chosen boxes, project, compare with the expert; the episode ends."""
-        verdict = self._task.judge(episode, action)
+        (verdict,) = self._task.judge_all((episode,), (action,))
         self._shown = verdict.posture, verdict.envelope
         return Step(reward=verdict.reward, terminated=True, info=verdict.info, action=action)
 

@@ -31,12 +31,12 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1375, 16933),
+    "api": (1376, 16939),
     "cli": (3165, 38454),
     "configs": (3, 30),
-    "envs": (3072, 42495),
+    "envs": (3068, 42435),
     "learners": (5210, 76667),
-    "planners": (34908, 576139),
+    "planners": (34909, 576177),
     "runner": (6511, 89542),
     "views": (4297, 68659),
 }

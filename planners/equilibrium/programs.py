@@ -9,7 +9,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, TypeVar, cast
+from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 
@@ -38,13 +38,6 @@ class _Vectors(Protocol):
     def z(self) -> Sequence[float] | Array:
         """Dual, m numbers."""
         ...
-
-
-class Solved(NamedTuple):
-    """x, shape (n,), and z, shape (m,)."""
-
-    x: Array
-    z: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

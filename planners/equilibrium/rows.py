@@ -180,7 +180,8 @@ class Rows(Generic[D]):
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self.cone_list, careful).solve()
             status = answer.status
-        value, constant = float(answer.obj_val), self.constant(data)
+        constants = (float(np.sum(fill(data))) for fill in self._constants)
+        value, constant = float(answer.obj_val), sum(constants, start=0.0)
         return ConicSolution(
             status=STATUS.get(status, ConicStatus.FAILED),
             answer=answer,
@@ -192,10 +193,6 @@ class Rows(Generic[D]):
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )
-
-    def constant(self, data: D) -> float:
-        """Constant part of the objective."""
-        return sum((float(np.sum(fill(data))) for fill in self._constants), start=0.0)
 
     def _update(self, solver: clarabel.DefaultSolver, data: D) -> None:
         """Load the numbers of a problem into the kept solver, as lists, which are read faster."""

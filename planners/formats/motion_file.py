@@ -31,7 +31,6 @@ from ..files.codec import extracted
 from ..files.documents import read_json, shown, validated
 from ..files.writing import check_writable, first_difference, remove_leftovers, write_text
 from ..problem import Problem
-from ..problem.course_file import course_difference
 from ..problem.leap import FORMAT as LEAP, Leap
 from ..problem.passage import Passage
 from ..problem.posture import FORMAT as POSTURE
@@ -521,8 +520,13 @@ def _check_course(
             f"{path}: expected a plan for the robot {model.name} as its file is, got one for "
             f"{problem.robot.name} with {got}"
         )
-    if course is not None and (other := course_difference(problem, course(problem.frames))):
-        raise InvalidInput(f"{path}: expected a plan of that course, got one of another: {other}")
+    if course is not None:
+        from ..problem.course_file import course_difference  # slow to import
+
+        if other := course_difference(problem, course(problem.frames)):
+            raise InvalidInput(
+                f"{path}: expected a plan of that course, got one of another: {other}"
+            )
 
 
 class PartialPlan:

@@ -46,6 +46,8 @@ _PARTS_M = 0.02
 [m]."""
 _POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
+_FIRST = 8
+"""In one of so many of them most links that are not drawn so are apart."""
 _LONG_M = 0.05
 """A part of a leg that is longer than this has a shape, or is said to have none [m]."""
 _ALIGNED, _ON_M = 1.0 - 1e-6, 1e-4
@@ -193,7 +195,10 @@ class Bodies:
         for begin in range(0, len(bodies), BLOCK):
             block = bodies.at(slice(begin, begin + BLOCK))
             world = self._in_world(block, self._placed(block.angles))
-            links, parts = self._links_apart(world, within_m), self._off_terrain(world, within_m)
+            links, parts = (
+                self._links_apart(self._pairs, world, within_m),
+                self._off_terrain(world, within_m),
+            )
             parts[1].least[self._stand_on(block, parts[0])] = np.inf
             measurements = [
                 (t, on, k, near)
@@ -273,7 +278,7 @@ class Bodies:
         kinds = (
             (
                 placed,
-                self._links_apart(placed, -links_m, between=between),
+                self._links_apart(self._pairs, placed, -links_m, between=between),
                 (links_m, LINKS_M),
                 in_base,
             ),
@@ -292,17 +297,22 @@ class Bodies:
         yield from self._below(bodies, world, terrain_m)
 
     def _links_apart(
-        self, placed: tuple[Array, Array], limit_m: float, *, between: bool = False
+        self,
+        pairs: NDArray[np.int_],
+        placed: tuple[Array, Array],
+        limit_m: float,
+        *,
+        between: bool = False,
     ) -> tuple[NDArray[np.int_], Bounds]:
-        """All pairs of links, shape (K, 2), and what boxes and balls around them say of their
+        """Pairs of links, shape (K, 2), and what boxes and balls around them say of their
         distances.
         """
-        middles, (first, second) = self._middle(placed), self._pairs.T
+        middles, (first, second) = self._middle(placed), pairs.T
         exact = self._balls[first] & self._balls[second]
-        least = balls_apart(middles, self._radii, self._pairs)
+        least = balls_apart(middles, self._radii, pairs)
         bounds = Bounds(
             least=least,
-            way=self._ways(placed)[:, self._pairs].sum(axis=2),
+            way=self._ways(placed)[:, pairs].sum(axis=2),
             exact=np.tile(exact, (len(least), 1)),
         )
         t, k = np.nonzero(bounds.nearer(limit_m, between=between) & ~exact)
@@ -313,7 +323,7 @@ class Bodies:
             (turns[t, j], self._halves[j]),
         )
         least[t, k] = np.maximum(least[t, k], apart)
-        return self._pairs, bounds
+        return pairs, bounds
 
     def _off_terrain(
         self, world: tuple[Array, Array], limit_m: float, *, between: bool = False
@@ -514,12 +524,14 @@ class Bodies:
         turns, origins = self._placed(
             np.vstack([standing, lower + (upper - lower) * _spread(_POSTURES, len(lower))])
         )
-        pairs, bounds = self._links_apart((turns, origins), 0.0)
-        always = pairs[np.all(bounds.least < 0.0, axis=0)].tolist()
+        pairs = self._pairs
+        for some in (slice(_FIRST), slice(_FIRST, None)):
+            _, bounds = self._links_apart(pairs, (turns[some], origins[some]), 0.0)
+            pairs = pairs[(bounds.least < 0.0).all(axis=0)]
         apart = self._distances((turns, origins))
         named = [
             sorted((self.links[i], self.links[j]), key=self.links.index)
-            for i, j in always
+            for i, j in pairs.tolist()
             if all(apart(t, i, j) < 0.0 for t in range(len(turns)))
         ]
         return tuple(dict.fromkeys((one, other) for one, other in named))

@@ -109,9 +109,9 @@ def body_doubts(
 
 def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[_Doubt]:
     """Links that are feet and have no mass of their own."""
-    masses = {link.get("name", ""): link_inertia(link)[0] for link in root.findall("link")}
+    links = {link.get("name", ""): link for link in root.findall("link")}
     for leg in legs:
-        if masses.get(leg.foot, 0.0) <= 0.0:
+        if leg.foot not in links or link_inertia(links[leg.foot])[0] <= 0.0:
             yield f"link {leg.foot}", "a foot without a mass"
 
 
@@ -143,9 +143,9 @@ def shape_doubts(
         size = 0.0 if points is None else float(np.ptp(points, axis=0).max())
         if size > _VAST * reach:
             yield f"link {shape.link}", f"a shape of {size:.3g} m: other units?"
-    total = sum(link_inertia(link)[0] for link in root.findall("link"))
-    for link in root.findall("link"):
-        mass, _, (small, middle, large) = link_inertia(link)
+    links = [(link, *link_inertia(link)) for link in root.findall("link")]
+    total = sum(mass for _, mass, *_ in links)
+    for link, mass, _, (small, middle, large) in links:
         densest = 0.4 * mass * (0.75 * max(mass, 0.0) / (np.pi * _OSMIUM_KG_M3)) ** (2 / 3)
         if large < 0.1 * densest and densest > _SLIGHT * total * reach**2:
             yield (

@@ -15,7 +15,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
-from stancekit.planners.equilibrium.programs import ConicSolution, ConicStatus, Programs, Solved
+from stancekit.planners.equilibrium.programs import ConicSolution, ConicStatus, Programs
 from stancekit.planners.equilibrium.rows import EXACT, STATUS
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.projection.held import MOMENT_PRICE, FixForces, FixToes, Linearised
@@ -191,7 +191,7 @@ def solve(model: Any) -> ConicSolution:
     z, groups = _packed((name, _dual(term)) for name, term in model.terms.items())
     return ConicSolution(
         status=STATUS.get(answer.status, ConicStatus.FAILED),
-        answer=Solved(x=x, z=z),
+        answer=SimpleNamespace(x=x, z=z),
         columns=columns,
         groups=groups,
         objective=answer.obj_val + constant,
@@ -211,7 +211,7 @@ def solve_as(model: Any, columns: Mapping[str, Any], groups: Mapping[str, Any]) 
     solution = solve(model)
     x, matched = _placed(columns, solution.columns, solution.x)
     z, rows = _placed(groups, solution.groups, solution.z)
-    return replace(solution, answer=Solved(x=x, z=z), columns=matched, groups=rows)
+    return replace(solution, answer=SimpleNamespace(x=x, z=z), columns=matched, groups=rows)
 
 
 def _placed(
