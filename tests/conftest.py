@@ -20,6 +20,7 @@ from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.learners.data import executors
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.robot import hexapod
@@ -78,14 +79,15 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _measured_legs_are_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _what_takes_long_to_make_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Workspaces are measured once, by whichever test asks first in any process, and not kept in
-    the user's folder.
+    the user's folder. Worker processes stay for those who ask next.
     """
     mine = tmp_path_factory.getbasetemp()
     shared = mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STANCEKIT_CACHE", str(shared / "legs"))
+        patch.setattr(executors, "_IDLE_S", 3600)
         yield
 
 

@@ -5,7 +5,6 @@ as they are.
 from __future__ import annotations
 
 import json
-import os
 import re
 import resource
 import struct
