@@ -198,7 +198,7 @@ def test_a_quadruped_is_bent_to_less_than_its_forces_alone_allow(plan: Motion) -
 
 @pytest.mark.parametrize("torque_nm", [4.0, 8.0, 14.0, 30.0])
 def test_what_comes_is_accepted_and_never_worse(climb: Motion, torque_nm: float) -> None:
-    limits = WholeBodyLimits(torque_nm=torque_nm, steps=2)
+    limits = WholeBodyLimits(torque_nm=torque_nm, steps=4)
     bent = whole_body(climb, limits)
     solver = Kinematics(climb.problem.robot)
     assert check_plan(bent.plan).accepted
