@@ -19,11 +19,14 @@ import pytest
 from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
+from stancekit import Motion
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.learners.data import executors
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem import Contact, Problem
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from tests.emulators.pulse import Pulse
 from tests.refusals import assert_refusals_say, heard
@@ -119,6 +122,19 @@ def programs() -> Programs:
 def drawn() -> Callable[[str, int], Problem]:
     """``drawn(name, seed)``: the first problem that a distribution draws from this seed."""
     return cache(lambda name, seed: DISTRIBUTIONS[name].sample(np.random.default_rng(seed)))
+
+
+@pytest.fixture(scope="session")
+def course_plan() -> Callable[[str, int], Motion]:
+    """``course_plan(name, frames)``: the plan of a built-in course, made once."""
+
+    @cache
+    def plan(name: str, frames: int) -> Motion:
+        outcome = TwoStage().solve(read_course(name, frames=frames))
+        assert outcome.solution is not None
+        return outcome.solution
+
+    return plan
 
 
 @pytest.fixture(scope="session")

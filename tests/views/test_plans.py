@@ -221,8 +221,8 @@ def test_footholds_are_drawn_with_the_places_that_are_named():
     assert to_rgb(draw_footholds(found, places, size_px=(400, 300))).std() > 5.0
 
 
-def test_one_frame_and_no_terrain_are_drawn_too():
-    plan = TwoStage().solve(read_course("walls", 1)).solution
+def test_one_frame_and_no_terrain_are_drawn_too(course_plan):
+    plan = course_plan("walls", 1)
     bare = replace(plan, problem=replace(plan.problem, terrain=()))
     for shown in (plan, bare):
         assert to_rgb(draw_plan(shown, size_px=(400, 300))).std() > 10.0
