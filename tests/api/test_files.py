@@ -33,8 +33,8 @@ def envelopes(problems) -> stancekit.EnvelopeSet:
 
 
 @pytest.fixture(scope="module")
-def plan() -> stancekit.Motion:
-    return stancekit.plan("walls", frames=2).solution
+def plan(course_plan) -> stancekit.Motion:
+    return course_plan("walls", 2)
 
 
 def test_problems_come_back_one_or_several(problems, tmp_path):

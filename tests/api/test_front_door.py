@@ -193,10 +193,8 @@ def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
             stancekit.sample(law, robot=four)
 
 
-def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
-    found = stancekit.plan("stairs", frames=2).solution
-    assert found is not None
-    stancekit.save(found, tmp_path / "plan.json")
+def test_a_log_is_named_as_one_before_anything_is_written(tmp_path, course_plan):
+    stancekit.save(course_plan("stairs", 2), tmp_path / "plan.json")
     before = (tmp_path / "plan.json").read_bytes()
     with refuses("log"):
         stancekit.run(tmp_path / "plan.json", log=tmp_path / "plan.json")

@@ -10,8 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import stancekit
-from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.terrains import terrain
 from stancekit.views.plans import PlanView, draw_plan, ghosts
@@ -20,10 +18,8 @@ from stancekit.views.terrain import ICE, cells, draw_footholds, foothold_motion
 
 
 @pytest.fixture(scope="module")
-def plan():
-    found = TwoStage().solve(read_course("icy-walls", 3)).solution
-    assert found is not None
-    return found
+def plan(course_plan):
+    return course_plan("icy-walls", 3)
 
 
 @pytest.fixture
