@@ -19,10 +19,14 @@ import pytest
 from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
+from stancekit import Motion
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.learners.data import executors
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.problem import Contact, Problem
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
+from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from tests.emulators.pulse import Pulse
 from tests.refusals import assert_refusals_say, heard
@@ -78,14 +82,15 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _measured_legs_are_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _what_takes_long_to_make_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Workspaces are measured once, by whichever test asks first in any process, and not kept in
-    the user's folder.
+    the user's folder. Worker processes stay for those who ask next.
     """
     mine = tmp_path_factory.getbasetemp()
     shared = mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STANCEKIT_CACHE", str(shared / "legs"))
+        patch.setattr(executors, "_IDLE_S", 3600)
         yield
 
 
@@ -117,6 +122,19 @@ def programs() -> Programs:
 def drawn() -> Callable[[str, int], Problem]:
     """``drawn(name, seed)``: the first problem that a distribution draws from this seed."""
     return cache(lambda name, seed: DISTRIBUTIONS[name].sample(np.random.default_rng(seed)))
+
+
+@pytest.fixture(scope="session")
+def course_plan() -> Callable[[str, int], Motion]:
+    """``course_plan(name, frames)``: the plan of a built-in course, made once."""
+
+    @cache
+    def plan(name: str, frames: int) -> Motion:
+        outcome = TwoStage().solve(read_course(name, frames=frames))
+        assert outcome.solution is not None
+        return outcome.solution
+
+    return plan
 
 
 @pytest.fixture(scope="session")

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import venv
 import zipfile
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -153,7 +154,8 @@ def test_a_script_from_another_folder_finds_the_library(environment: Path, tmp_p
     assert _run([str(environment / "bin" / "python"), "-I", "script.py"], cwd=tmp_path) == SAID
 
 
-def test_pyright_sees_the_library_from_another_folder(environment: Path, tmp_path: Path) -> None:
+def test_pyright_sees_the_library_from_another_folder(editable: Path, tmp_path: Path) -> None:
+    """A wheel has the same files and markers, which are looked at below."""
     (tmp_path / "script.py").write_text(SCRIPT)
     (tmp_path / "wrong.py").write_text(WRONG)
     command = [
@@ -162,7 +164,7 @@ def test_pyright_sees_the_library_from_another_folder(environment: Path, tmp_pat
         "pyright",
         "--outputjson",
         "--pythonpath",
-        str(environment / "bin" / "python"),
+        str(editable / "bin" / "python"),
     ]
     done = subprocess.run(
         [*command, "."], cwd=tmp_path, capture_output=True, text=True, check=False
@@ -226,11 +228,7 @@ def test_imports_never_point_up(tmp_path: Path) -> None:
 
 def test_every_module_says_what_it_is_for() -> None:
     looked_at = modules()
-    silent = [
-        str(path)
-        for path in looked_at
-        if not ast.get_docstring(ast.parse((ROOT / path).read_text("utf-8")))
-    ]
+    silent = [str(path) for path in looked_at if not ast.get_docstring(parsed(ROOT / path))]
     assert silent == []
     assert len(looked_at) > 10
 
@@ -350,10 +348,16 @@ def _run(command: list[str], **options: Any) -> str:
     return str(done.stdout)
 
 
-def inline_arguments(source: str) -> list[str]:
+@cache
+def parsed(path: Path) -> ast.Module:
+    """A file's syntax, read once."""
+    return ast.parse(path.read_text("utf-8"))
+
+
+def inline_arguments(tree: ast.Module) -> list[str]:
     """Names of arguments that a docstring describes in its prose, not in a section of their own."""
     names_in_prose = []
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree):
         if not isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
             continue
         if isinstance(node, ast.ClassDef):
@@ -374,15 +378,12 @@ def inline_arguments(source: str) -> list[str]:
 
 
 def test_arguments_have_a_line_each() -> None:
-    assert inline_arguments('def f(x):\n    """Double; x: a number."""') == ["f: x"]
-    assert not inline_arguments(
-        'def f(x):\n    """Double.\n\n    Arguments:\n        x: one.\n    """'
-    )
+    inline = 'def f(x):\n    """Double; x: a number."""'
+    assert inline_arguments(ast.parse(inline)) == ["f: x"]
+    own_line = 'def f(x):\n    """Double.\n\n    Arguments:\n        x: one.\n    """'
+    assert not inline_arguments(ast.parse(own_line))
     prose = [
-        f"{path.relative_to(ROOT)}: {each}"
-        for folder in FOLDERS
-        for path in (ROOT / folder).rglob("*.py")
-        for each in inline_arguments(path.read_text())
+        f"{path}: {each}" for path in modules() for each in inline_arguments(parsed(ROOT / path))
     ]
     assert prose == [], prose
 

@@ -33,8 +33,8 @@ def envelopes(problems) -> stancekit.EnvelopeSet:
 
 
 @pytest.fixture(scope="module")
-def plan() -> stancekit.Motion:
-    return stancekit.plan("walls", frames=2).solution
+def plan(course_plan) -> stancekit.Motion:
+    return course_plan("walls", 2)
 
 
 def test_problems_come_back_one_or_several(problems, tmp_path):
@@ -198,6 +198,9 @@ EXPLAIN = """
 assert stancekit.verify(outcome.certificate).accepted
 assert stancekit.explain(outcome.certificate).relaxations
 """
+CLIMB = """
+assert stancekit.plan("stairs", frames=2).solution is not None
+"""
 ENVIRONMENT = """
 import gymnasium
 env = gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")
@@ -216,15 +219,8 @@ def loaded_by(code: str) -> list[str]:
     return ran.stdout.split()
 
 
-@pytest.mark.parametrize(
-    "code", ["", SOLVE, SOLVE + EXPLAIN, ENVIRONMENT], ids=["import", "solve", "explain", "env"]
-)
-def test_neither_the_import_nor_a_first_answer_loads_a_large_package(code: str) -> None:
-    assert loaded_by(code) == []
-
-
-def test_a_plan_of_a_climb_loads_no_large_package() -> None:
-    assert loaded_by("assert stancekit.plan('stairs', frames=2).solution is not None") == []
+def test_neither_the_import_nor_a_first_answer_loads_a_large_package() -> None:
+    assert loaded_by(SOLVE + EXPLAIN + CLIMB + ENVIRONMENT) == []
 
 
 def test_a_package_is_loaded_by_what_needs_it() -> None:

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -191,10 +193,8 @@ def test_a_robot_of_limbs_alone_is_no_robot_to_draw_problems_of():
             stancekit.sample(law, robot=four)
 
 
-def test_a_log_is_named_as_one_before_anything_is_written(tmp_path):
-    found = stancekit.plan("stairs", frames=2).solution
-    assert found is not None
-    stancekit.save(found, tmp_path / "plan.json")
+def test_a_log_is_named_as_one_before_anything_is_written(tmp_path, course_plan):
+    stancekit.save(course_plan("stairs", 2), tmp_path / "plan.json")
     before = (tmp_path / "plan.json").read_bytes()
     with refuses("log"):
         stancekit.run(tmp_path / "plan.json", log=tmp_path / "plan.json")
@@ -445,32 +445,41 @@ def test_a_place_that_is_refused_is_named_as_it_was_given() -> None:
         stancekit.plan("slopes:0.2:1", start=(0.0, 0.0), goal=(-20.0, 30.0))
 
 
+@pytest.fixture(scope="module")
+def path_of_size(tmp_path_factory: pytest.TempPathFactory) -> Callable[[float, bool], np.ndarray]:
+    """``path_of_size(size, legs)``: where the centre of mass of a robot goes that is so many times
+    as large, over a step that is as much larger.
+    """
+
+    @cache
+    def path(size: float, legs: bool) -> np.ndarray:
+        folder, robot = tmp_path_factory.mktemp("size"), stancekit.hexapod()
+        limbs = [
+            replace(one, shoulder_m=size * one.shoulder_m, reach_m=size * one.reach_m)
+            for one in robot.limbs
+        ]
+        robot = stancekit.Robot(name="six", mass_kg=size**3, limbs=tuple(limbs))
+        if legs:
+            (folder / "dog.urdf").write_text(of_size(size))
+            robot = stancekit.robot(folder / "dog.urdf")
+        step = QUESTIONS["step-small"]
+        boxes = (size * np.array(step.boxes)).tolist()
+        ground = stancekit.terrain(replace(step, boxes=boxes).file(folder), robot=robot)
+        start, goal = (size * np.array(place) for place in PLACES.values())
+        found = stancekit.plan(ground, start=start, goal=goal, robot=robot, settings=WALKS)
+        assert found.status.value == "feasible", found.message
+        return found.solution.com_m
+
+    return path
+
+
 @pytest.mark.parametrize("size", [0.25, 4.0])
 @pytest.mark.parametrize("legs", [False, True])
 def test_a_plan_of_a_robot_of_any_size_is_one_plan_scaled(
-    size: float, legs: bool, tmp_path: Path
+    size: float, legs: bool, path_of_size: Callable[[float, bool], np.ndarray]
 ) -> None:
-    plans = list[stancekit.Motion]()
-    for each in (1.0, size):
-        robot: stancekit.Robot = stancekit.hexapod()
-        limbs = [
-            replace(one, shoulder_m=each * one.shoulder_m, reach_m=each * one.reach_m)
-            for one in robot.limbs
-        ]
-        robot = stancekit.Robot(name="six", mass_kg=each**3, limbs=tuple(limbs))
-        if legs:
-            (tmp_path / "dog.urdf").write_text(of_size(each))
-            robot = stancekit.robot(tmp_path / "dog.urdf")
-        step = QUESTIONS["step-small"]
-        boxes = (each * np.array(step.boxes)).tolist()
-        ground = stancekit.terrain(replace(step, boxes=boxes).file(tmp_path), robot=robot)
-        start, goal = (each * np.array(place) for place in PLACES.values())
-        found = stancekit.plan(ground, start=start, goal=goal, robot=robot, settings=WALKS)
-        assert found.status.value == "feasible", found.message
-        assert found.solution is not None
-        plans.append(found.solution)
-    one, other = (plan.com_m for plan in plans)
-    np.testing.assert_allclose(other / size, one, atol=0.05 if legs else 1e-5)
+    found, one = path_of_size(size, legs), path_of_size(1.0, legs)
+    np.testing.assert_allclose(found / size, one, atol=0.05 if legs else 1e-5)
 
 
 @pytest.fixture(scope="module")

@@ -301,10 +301,8 @@ def test_a_mapping_is_taken_as_files_take_it():
 
 
 @pytest.fixture(scope="module")
-def plan() -> stancekit.Motion:
-    found = stancekit.plan("stairs", frames=2).solution
-    assert found is not None
-    return found
+def plan(course_plan: Callable[[str, int], stancekit.Motion]) -> stancekit.Motion:
+    return course_plan("stairs", 2)
 
 
 def test_a_world_that_was_made_before_pulls_as_the_plan_is_for(plan: stancekit.Motion) -> None:

@@ -24,7 +24,7 @@ from tests.refusals import assert_names, refuses
 from tests.threads import FILE, PERIOD, Call, calls, digest
 
 ROOT = Path(__file__).resolve().parents[2]
-THREADS, CALLS = 4, 15
+THREADS, CALLS = 4, 8
 FEWER = {
     "plan": 2,
     "verify a plan": 2,

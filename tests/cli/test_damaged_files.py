@@ -5,7 +5,6 @@ as they are.
 from __future__ import annotations
 
 import json
-import os
 import re
 import resource
 import struct
@@ -29,7 +28,7 @@ from stancekit.cli.label import Sample
 from stancekit.cli.main import INTERNAL, parse, run
 from stancekit.cli.verify import Verify
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.robot import Limb, Robot, hexapod
+from stancekit.planners.robot import Limb, Robot, hexapod, reach_sets
 from stancekit.planners.robot.leg import Servo
 from stancekit.planners.robot.robot_file import drawn_urdf, joint_names
 from tests.damage import bombs
@@ -40,6 +39,8 @@ from tests.refusals import at_once
 QUICK, PATIENCE = 4, 12
 """Damaged files of a reader: a few and on until one is refused, or all where digests seal them; the
 benchmark has hundreds."""
+COARSE = {"_SAMPLES": 6_000, "_VOXELS": 16, "_SEEDS": 800, "_CHECKED": 300, "_CUTS": 2}
+"""Counts of the measurement of a leg, of which the robots here only need to have one."""
 SLOW = ("servos", "ros", "replayed log")
 """Where a file that is sound is run, which takes seconds; ``benchmarks/damaged_files.py`` has
 them."""
@@ -47,12 +48,15 @@ them."""
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A file for every reader."""
-    made, here = tmp_path_factory.mktemp("damage"), Path.cwd()
-    os.chdir(made)
-    make_files(made)
-    yield made
-    os.chdir(here)
+    """A file for every reader; workspaces are measured coarsely, by every step."""
+    made = tmp_path_factory.mktemp("damage")
+    with pytest.MonkeyPatch.context() as patch:
+        for name, count in COARSE.items():
+            patch.setattr(reach_sets, name, count)
+        patch.setenv("STANCEKIT_CACHE", str(made / "legs"))
+        patch.chdir(made)
+        make_files(made)
+        yield made
 
 
 @pytest.mark.parametrize(

@@ -324,7 +324,11 @@ class Without:
         return (each for each in found if each.metadata["Name"] != "example-robot-data")
 
 sys.meta_path[:] = [each for each in sys.meta_path if each is not PathFinder] + [Without()]
-import joblib, scipy.optimize, sklearn.mixture  # what many need and no extra has: loaded once, and forked
+# What many need and no extra has: loaded once, and forked.
+import joblib, sklearn.mixture
+import stancekit.cli.gait, stancekit.cli.plan, stancekit.cli.run, stancekit.views.sheet
+import stancekit.learners.data.labelling, stancekit.learners.training.fitting, stancekit.runner.run
+import stancekit.planners.gait.method.attempt, stancekit.planners.search.methods
 from stancekit.cli.main import main
 for extra, (names, lines) in cases.items():
     if child := os.fork():

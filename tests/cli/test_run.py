@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -21,11 +22,9 @@ from stancekit.cli.main import main, run
 from stancekit.cli.run import Replay, RunMotion
 from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import write_boxes
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.robot_file import joint_names
-from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.runner.log import read_log
 from stancekit.runner.worlds.dynamixel.control_table import nominal
@@ -33,10 +32,10 @@ from stancekit.runner.worlds.ros.setup import same_names
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("run")
-    plan = TwoStage().solve(read_course("walls", frames=2)).solution
-    assert plan is not None
+def folder(
+    tmp_path_factory: pytest.TempPathFactory, course_plan: Callable[[str, int], Motion]
+) -> Path:
+    folder, plan = tmp_path_factory.mktemp("run"), course_plan("walls", 2)
     write_motion(folder / "plan.json", plan, check_plan(plan))
     return folder
 
@@ -430,16 +429,9 @@ def test_what_is_no_log_is_bad_input(folder: Path, capsys: pytest.CaptureFixture
     assert "expected an MCAP file, got something else" in refused(Replay(log=path), capsys)
 
 
-@cache
-def step() -> Motion:
-    outcome = TwoStage().solve(read_course("walls", frames=2))
-    assert outcome.solution is not None
-    return outcome.solution
-
-
 @pytest.fixture
-def file(tmp_path: Path) -> str:
-    write_motion(tmp_path / "plan.json", step(), check_plan(step()))
+def file(tmp_path: Path, folder: Path) -> str:
+    shutil.copy(folder / "plan.json", tmp_path)
     return "plan.json"
 
 
@@ -461,8 +453,9 @@ def test_people_get_a_table_and_a_picture(file, stancekit, tmp_path):
     assert (tmp_path / "end.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_plan_that_the_verifier_rejected_is_not_executed(stancekit, tmp_path):
-    bad = replace(step(), com_m=step().com_m + np.array([0.0, 0.05, 0.0]))
+def test_a_plan_that_the_verifier_rejected_is_not_executed(stancekit, tmp_path, course_plan):
+    plan = course_plan("walls", 2)
+    bad = replace(plan, com_m=plan.com_m + np.array([0.0, 0.05, 0.0]))
     write_motion(tmp_path / "bad.json", bad, check_plan(bad))
     ran = stancekit("simulate", "bad.json", "--json")
     assert (ran.code, ran.out) == (2, "")
@@ -542,11 +535,9 @@ ARMED = """
 
 
 @pytest.fixture
-def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def planned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, folder: Path) -> Path:
     monkeypatch.chdir(tmp_path)
-    plan = TwoStage().solve(read_course("walls", frames=2)).solution
-    assert plan is not None
-    write_motion("plan.json", plan, check_plan(plan))
+    shutil.copy(folder / "plan.json", "plan.json")
     return tmp_path
 
 

@@ -67,7 +67,7 @@ class DeviceProcess:
 
     def close(self) -> None:
         """End the process."""
-        self.process.communicate(timeout=20.0)
+        self.process.communicate(timeout=60.0)
 
     def __enter__(self) -> Self:
         return self

@@ -73,7 +73,7 @@ def test_the_servos_stand_as_the_plan_begins_by_the_calibration_file_and_are_gon
         with pytest.raises(ValueError, match=r", got 1$"):
             bus.inject("silent servo 1")
         bus.process.send_signal(signal.SIGTERM)
-        assert bus.process.wait(20.0) == 0
+        assert bus.process.wait(60.0) == 0
     assert not Path("bus").is_symlink()
 
 

@@ -36,7 +36,7 @@ QUICK: dict[str, dict[str, Any]] = {
     "stancekit/WarpedGait-v0": {
         "terrain": "ripple",
         "charts": ["decoupled"],
-        "settings": {"max_iterations": 2},
+        "settings": {"max_iterations": 1},
     },
 }
 FILE = '''

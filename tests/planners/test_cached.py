@@ -26,7 +26,7 @@ class Slow:
     def value(self) -> object:
         """A new object each time that it is worked out."""
         self.begun.set()
-        assert self.ended.wait(30.0)
+        assert self.ended.wait(300.0)
         return object()
 
 
@@ -46,14 +46,14 @@ def test_another_instance_and_a_forked_child_wait_for_nobody():
     slow = Slow(threading.Event(), threading.Event())
     thread = threading.Thread(target=lambda: slow.value)
     thread.start()
-    assert slow.begun.wait(30.0)
+    assert slow.begun.wait(60.0)
     other = threading.Thread(target=lambda: ready().value, daemon=True)
     other.start()
-    other.join(10.0)
+    other.join(60.0)
     waited = other.is_alive()
     child = multiprocessing.get_context("fork").Process(target=lambda: ready().value)
     child.start()
-    child.join(10.0)
+    child.join(60.0)
     code = child.exitcode
     child.kill()
     slow.ended.set()

@@ -184,7 +184,7 @@ def test_a_child_is_forked_off_when_a_file_has_run(tmp_path: Path) -> None:
         target=lambda: numbers().get(f"{path}:Mine")
     )
     child.start()
-    child.join(20.0)
+    child.join(60.0)
     code = child.exitcode
     child.kill()
     thread.join()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import signal
 from collections.abc import Callable, Iterator
-from functools import cache
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,16 +26,9 @@ from tests.emulators.memory_world import MemoryWorld
 
 
 @pytest.fixture(scope="session")
-def step() -> Callable[[str], Motion]:
+def step(course_plan: Callable[[str, int], Motion]) -> Callable[[str], Motion]:
     """``step(course)``: a plan of two key frames."""
-
-    @cache
-    def plan(course: str) -> Motion:
-        outcome = TwoStage().solve(read_course(course, frames=2))
-        assert outcome.solution is not None
-        return outcome.solution
-
-    return plan
+    return partial(course_plan, frames=2)
 
 
 @pytest.fixture

@@ -98,7 +98,7 @@ def test_the_ending_of_a_loop_that_is_stopped_waits_for_no_planner() -> None:
         windows.append(observation.frame)
         if observation.frame:
             world.latch.trip("button")
-            over.wait(30.0)  # a planner that thinks
+            over.wait(300.0)  # a planner that thinks
         return PLANNER
 
     runner = Runner(world, settings=replace(FAST, ending="torque-off"), dry=False)

@@ -150,7 +150,7 @@ def test_a_heartbeat_monitor_that_ends_before_it_got_anything_is_one_line(
 
     def ended(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
         child = began(*arguments, **options)
-        child.wait(5.0)
+        child.wait(60.0)
         return child
 
     monkeypatch.setattr(subprocess, "Popen", ended)

@@ -221,11 +221,11 @@ def test_a_connection_is_not_blamed_for_another_one(kind: str, why: str) -> None
             link.open()
             stack.callback(link.close)
         wrong.inject(kind)
-        end = time.monotonic() + 3.0
+        end = time.monotonic() + 60.0
         while links[1].trouble() is None and time.monotonic() < end:
             time.sleep(0.01)
         assert f"{links[1].url}: {why}" in str(links[1].trouble())
-        assert links[0].answers(3.0)  # what was sent to it before has been read, too
+        assert links[0].answers(60.0)  # what was sent to it before has been read, too
         assert [link.trouble() for link in links[::2]] == [None, None]
 
 
@@ -248,7 +248,7 @@ def test_a_callback_that_fails_is_a_trouble_of_its_connection() -> None:
             link.subscribe(
                 "/joint_states", "sensor_msgs/msg/JointState", lambda message: message["nothing"]
             )
-            end = time.monotonic() + 3.0
+            end = time.monotonic() + 60.0
             while link.trouble() is None and time.monotonic() < end:
                 time.sleep(0.01)
             assert "cannot be read (KeyError: 'nothing')" in str(link.trouble())

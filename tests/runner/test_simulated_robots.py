@@ -14,12 +14,10 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import ActuatorModel, Actuators
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.acceptance import Accepted
@@ -450,14 +448,13 @@ def test_worlds_of_other_people_without_soft_ground_are_made_as_before() -> None
         assert world.contact is None
 
 
-def test_feet_that_feel_hold_a_robot_between_walls_that_yield_and_joints_alone_do_not() -> None:
+def test_feet_that_feel_hold_a_robot_between_walls_that_yield_and_joints_alone_do_not(
+    accepted: Accepted,
+) -> None:
     """In MuJoCo; ``benchmarks/soft_ground.py`` has both simulators and more courses."""
-    plan = TwoStage().solve(read_course("walls", frames=2)).solution
-    assert plan is not None
-    accepted, soft = Accepted.verified(plan, "walls"), SoftContact(stiffness_n_m=2e4)
-    stood = []
+    soft, stood = SoftContact(stiffness_n_m=2e4), []
     for blind in (False, True):
-        world = make_world("mujoco", plan.problem.robot, contact=soft)
+        world = make_world("mujoco", accepted.plan.problem.robot, contact=soft)
         report = Runner(world, settings=RunSettings(blind=blind)).run(accepted)
         stood.append(report.succeeded)
         if not blind:

@@ -4,6 +4,7 @@ picture.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from itertools import islice
@@ -17,9 +18,7 @@ import stancekit
 from stancekit import Motion
 from stancekit.planners.motion.gait_motion import WALK_SETTLE_S, gait_motion
 from stancekit.planners.motion.plan_motion import Timing
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap_classes import leap_from_keys
-from stancekit.planners.search.two_stage import TwoStage
 from stancekit.runner.log import Message, Recorded
 from stancekit.runner.motion.time_parametrization import streamed
 from stancekit.runner.report import Execution
@@ -34,13 +33,12 @@ from tests.same_motion import compared
 
 
 @pytest.fixture(scope="module")
-def run() -> tuple[Motion, Execution]:
-    outcome = TwoStage().solve(read_course("walls", frames=2))
-    assert outcome.solution is not None
+def run(course_plan: Callable[[str, int], Motion]) -> tuple[Motion, Execution]:
+    plan = course_plan("walls", 2)
     settings = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
-    execution = stancekit.simulate(outcome.solution, settings=settings).execution
+    execution = stancekit.simulate(plan, settings=settings).execution
     assert execution is not None
-    return outcome.solution, execution
+    return plan, execution
 
 
 def test_limbs_end_where_the_world_had_the_feet(run: tuple[Motion, Execution]) -> None:

@@ -14,9 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit import Motion, WalkQuestion
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.walker import anymal
-from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.views import page as page_module
@@ -29,10 +27,8 @@ from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 
 
 @pytest.fixture(scope="module")
-def plan():
-    found = TwoStage().solve(read_course("icy-walls", 2)).solution
-    assert found is not None
-    return found
+def plan(course_plan):
+    return course_plan("icy-walls", 2)
 
 
 @pytest.fixture(scope="module")

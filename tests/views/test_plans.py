@@ -10,8 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import stancekit
-from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 from stancekit.terrains import terrain
 from stancekit.views.plans import PlanView, draw_plan, ghosts
@@ -20,10 +18,8 @@ from stancekit.views.terrain import ICE, cells, draw_footholds, foothold_motion
 
 
 @pytest.fixture(scope="module")
-def plan():
-    found = TwoStage().solve(read_course("icy-walls", 3)).solution
-    assert found is not None
-    return found
+def plan(course_plan):
+    return course_plan("icy-walls", 3)
 
 
 @pytest.fixture
@@ -221,8 +217,8 @@ def test_footholds_are_drawn_with_the_places_that_are_named():
     assert to_rgb(draw_footholds(found, places, size_px=(400, 300))).std() > 5.0
 
 
-def test_one_frame_and_no_terrain_are_drawn_too():
-    plan = TwoStage().solve(read_course("walls", 1)).solution
+def test_one_frame_and_no_terrain_are_drawn_too(course_plan):
+    plan = course_plan("walls", 1)
     bare = replace(plan, problem=replace(plan.problem, terrain=()))
     for shown in (plan, bare):
         assert to_rgb(draw_plan(shown, size_px=(400, 300))).std() > 10.0

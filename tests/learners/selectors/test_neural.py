@@ -278,7 +278,7 @@ def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(
 
 def test_a_trained_network_knows_more_than_the_quantile_box(dataset: Dataset) -> None:
     train, held = dataset.split((0.8, 0.2))
-    settings = replace(QUICK, epochs=35, margin_epochs=0)
+    settings = replace(QUICK, epochs=28, margin_epochs=0)
     network = fit_neural(train, settings, calibration=held).network
     rows = TrainingRows.of(held, "feasible")
     box = quantile_box(train.points)

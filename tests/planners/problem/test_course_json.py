@@ -126,7 +126,7 @@ def data(written):
 
 
 @given(courses())
-@settings(max_examples=60)
+@settings(max_examples=20)
 def test_a_course_comes_back_to_the_last_bit(course):
     text = json.dumps(course.to_json())
     assert same(Problem.from_json(json.loads(text)), course)

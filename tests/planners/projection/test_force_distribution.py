@@ -2,6 +2,7 @@
 written again.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import cvxpy as cp
@@ -9,7 +10,6 @@ import numpy as np
 import pytest
 
 from stancekit import Motion
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import (
     LEAST,
     RESERVES,
@@ -17,15 +17,12 @@ from stancekit.planners.projection.force_distribution import (
     distribute_forces,
 )
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")
-def climb() -> Motion:
-    outcome = TwoStage().solve(read_course("walls", frames=3))
-    assert outcome.solution is not None
-    return outcome.solution
+def climb(course_plan: Callable[[str, int], Motion]) -> Motion:
+    return course_plan("walls", 3)
 
 
 def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Motion) -> None:

@@ -4,6 +4,7 @@ less torque on plans of walls.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -27,10 +28,8 @@ SMALL = 1e-5
 
 
 @pytest.fixture(scope="module")
-def walls() -> Motion:
-    outcome = TwoStage().solve(read_course("walls", frames=3))
-    assert outcome.solution is not None
-    return outcome.solution
+def walls(course_plan: Callable[[str, int], Motion]) -> Motion:
+    return course_plan("walls", 3)
 
 
 @pytest.fixture(params=["drawn up", "of a file"])

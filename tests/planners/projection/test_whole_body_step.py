@@ -4,6 +4,7 @@ plans are exact.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,10 +15,8 @@ from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import BodyVariables, Forces, Given
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import REACHED_M, Restoration
 from stancekit.planners.projection.held import held_moments
-from stancekit.planners.search.two_stage import TwoStage
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection.whole_body import with_joints
@@ -35,10 +34,8 @@ SMALL = 1e-6
 
 
 @pytest.fixture(scope="module")
-def walls() -> Motion:
-    outcome = TwoStage().solve(read_course("walls", frames=3))
-    assert outcome.solution is not None
-    return outcome.solution
+def walls(course_plan: Callable[[str, int], Motion]) -> Motion:
+    return course_plan("walls", 3)
 
 
 @pytest.fixture(params=["drawn up", "of a file"])

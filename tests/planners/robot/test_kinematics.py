@@ -3,6 +3,7 @@ work.
 """
 
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -11,11 +12,9 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from stancekit import Motion
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import directions, link_lengths, outward_rad, swivels
 from stancekit.planners.robot.leg import FOOT_RADIUS_M, Servo
-from stancekit.planners.search.two_stage import TwoStage
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.motion.joints import plan_angles
@@ -34,10 +33,8 @@ def kinematics() -> Kinematics:
 
 
 @pytest.fixture(scope="module")
-def plan() -> Motion:
-    outcome = TwoStage().solve(read_course("walls", frames=3))
-    assert outcome.solution is not None
-    return outcome.solution
+def plan(course_plan: Callable[[str, int], Motion]) -> Motion:
+    return course_plan("walls", 3)
 
 
 def foot_by_hand(limb: int, angles: np.ndarray) -> np.ndarray:

@@ -171,7 +171,7 @@ def test_scip_agrees_on_the_problem_with_its_nonconvex_rows(climb, programs, see
     for lengths in ({"least_toe_m": 0.08}, {"least_rotation_rad": 0.05}):
         asked = least(course, **lengths)
         outcome = Exact(programs=programs).solve(asked)
-        best, bound = scip(asked, nodes=200)
+        best, bound = scip(asked, nodes=10)
         assert outcome.status is Status.FEASIBLE
         assert bound <= outcome.objective * 1.002
         assert outcome.bound <= best * 1.002

@@ -222,15 +222,14 @@ def below_an_edge(places, patches):
 
 @pytest.mark.parametrize("family", [name for name in SCENES if name != "walls"])
 def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
-    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; 4 draws, levels from 1/4 to 1."""
+    """1 mm farther than 5 cm from a patch's border, 8 mm up to it; at half the level, and all of it."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(4):
-        level = (seed + 1) / 4
+    for seed, level in ((1, 0.5), (3, 1.0)):
         scene, whole = (
             family_terrain(family, level, seed),
             family_terrain(family, level, seed, WIDE),
         )
-        places, borders = under(scene.patches, rng, max(20, 140 // len(scene.patches)))
+        places, borders = under(scene.patches, rng, max(40, 280 // len(scene.patches)))
         kept = ~below_an_edge(places, whole.patches)
         off = np.abs(scene.heights.height(places[:, :2]) - places[:, 2])[kept]
         assert off.max(initial=0.0) < 8e-3, (seed, off.max())
@@ -244,10 +243,10 @@ def test_heights_of_polygons_are_their_surface_but_for_rounded_edges(family):
 
 @pytest.mark.parametrize("family", SMOOTH)
 def test_patches_of_smooth_ground_keep_to_its_heights(family):
-    """Footholds are planes within three times the roughness of a foothold, 18 mm; four draws."""
+    """Footholds are planes within three times the roughness of a foothold, 18 mm; two draws."""
     rng, looked = np.random.default_rng(0), 0
-    for seed in range(4):
-        scene = family_terrain(family, (seed + 1) / 4, seed)
+    for seed, level in ((1, 0.5), (3, 1.0)):
+        scene = family_terrain(family, level, seed)
         if not scene.footholds:
             continue
         places, _ = under(scene.footholds, rng, 30)

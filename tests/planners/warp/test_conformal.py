@@ -22,13 +22,13 @@ def test_the_fast_map_is_injective_and_exact_at_the_ground(name):
     field = named_terrain(name)
     fit = fit_map(field)
     rng = np.random.default_rng(0)
-    at = rng.uniform([-4.0, -4.0, 0.0], [4.0, 4.0, 2.3], (40_000, 3))
-    at[:20_000, 2] = 0.0
+    at = rng.uniform([-4.0, -4.0, 0.0], [4.0, 4.0, 2.3], (8_000, 3))
+    at[:4_000, 2] = 0.0
     point, jacobian = fit.map.points_and_jacobians(at)
     least = np.linalg.det(jacobian).min()
     assert least > 0.05
     assert fit.report.least_det < least + 0.02
-    assert np.abs(point[:20_000, 2] - field.height(point[:20_000, :2])).max() < 1e-3
+    assert np.abs(point[:4_000, 2] - field.height(point[:4_000, :2])).max() < 1e-3
     assert fit.report.match_m[0] < 1e-3
     assert fit.report.unsnapped_m[0] > 2.0 * fit.report.match_m[0]
     assert np.all(np.abs(point[:, :2]) <= 4.0 + 1e-9)
