@@ -31,6 +31,8 @@ _FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 _HELD_M = 1e-3
 """Heights hold a mesh whose corners are all so near to them [m]."""
+_MANY = 5_000
+"""Triangles whose surfaces take minutes to find, and to judge by."""
 _TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
@@ -171,20 +173,20 @@ def _check_motion(
 
 def _ground(name: str) -> Sequence[Patch] | Ground:
     """Heights by name or file; of a mesh that no heights hold, as one with steps, holes, or sides
-    that run along no axis, the surfaces.
+    that run along no axis, the surfaces, unless it has very many triangles.
     """
     from stancekit.planners.terrain.footholds import footholds_of
-    from stancekit.planners.terrain.reference import named_terrain
+    from stancekit.planners.terrain.reference import named_terrain, names_ground
     from stancekit.planners.terrain.terrain_file import read_terrain
     from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
-    mesh = read_terrain(name) if Path(name).is_file() and ".py" not in name else None
+    mesh = None if names_ground(name) or not Path(name).is_file() else read_terrain(name)
     if not isinstance(mesh, TriangleMesh):
         return Ground(heights=named_terrain(name), friction=_FRICTION)
     with suppress(InvalidInput):  # of holes, and of what is too steep for a spline
         heights = named_terrain(name)
-        off = heights.height(mesh.corners_m[:, :2]) - mesh.corners_m[:, 2]
-        if np.abs(off).max() < _HELD_M:
+        off_m = np.abs(heights.height(mesh.corners_m[:, :2]) - mesh.corners_m[:, 2]).max()
+        if off_m < _HELD_M or len(mesh.triangles) > _MANY:
             return Ground(heights=heights, friction=_FRICTION)
     return footholds_of(mesh, friction=_FRICTION, none=True).surfaces
 

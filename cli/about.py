@@ -117,14 +117,15 @@ class Demo:
                 return code
         folder = self.out.resolve()
         out.print()
-        lines = (
-            f"Made: a plan, its verdict, its run in MuJoCo, three pictures and a page, in {folder}",
-            f"Look: open {folder / 'climb.html'} in a browser and turn it; posture.png, climb.png, "
-            "run.png",
-            "Next: stancekit play walls; yours: stancekit plan MESH --robot URDF --start X,Y "
-            "--goal X,Y --html FILE",
+        say(
+            (
+                f"Made: a plan, its verdict, its run in MuJoCo, three pictures and a page, in {folder}",
+                f"Look: open {folder / 'climb.html'} in a browser and turn it; posture.png, climb.png, "
+                "run.png",
+                "Next: stancekit play walls; yours: stancekit plan MESH --robot URDF --start X,Y "
+                "--goal X,Y --html FILE",
+            )
         )
-        say(lines)
         return 0
 
     def _check(self) -> None:

@@ -158,8 +158,9 @@ class Picture:
             content = loads(text)
         record: dict[str, Any] = {"where": str(self.file), "out": str(self.out)}
         if is_evidence(content):
-            of = "the file of a motion or a proof"
-            check_unused(self, ("index", "method", "envelopes", "projection"), of)
+            check_unused(
+                self, ("index", "method", "envelopes", "projection"), "a motion or a proof"
+            )
             draw(load(self.file), out=self.out)
             tell(self.json, record, f"{self.out}: {self.file}")
             return 0

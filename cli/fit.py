@@ -39,8 +39,6 @@ if TYPE_CHECKING:
 
 _LEAP_SCORES = ("additive", "set")
 """Methods that learn from tries of leaps."""
-_UNUSED = ("robot", "terrain")
-"""Options that those do not use."""
 _SURROGATE = "surrogate"
 """The method that learns feasibility itself."""
 _SETTINGS = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
@@ -130,7 +128,9 @@ class Fit:
                 f"FOLDER: expected one folder of tries with {self.method}, got {len(self.dataset)}"
             )
         spread = self.method in FURTHER["workers"]
-        unused = (() if spread else ("executor", "address")) + (_UNUSED if scores else ())
+        unused = (() if spread else ("executor", "address")) + (
+            ("robot", "terrain") if scores else ()
+        )
         check_unused(self, unused, f"--method {self.method}")
         workers: Executor | int = self.workers
         if spread:

@@ -373,7 +373,7 @@ class PlanGait:
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
         if not self.adhesive:
-            check_unused(self, ("suction_n",), "no --adhesive FEET")
+            check_unused(self, ("suction_n",), "feet that do not stick")
         files = [path for path in (self.picture, self.video, self.html) if path is not None]
         twice = [path for path in files if files.count(path) > 1]
         if twice:

@@ -99,7 +99,7 @@ class ShowRobot:
             read_keys,
         )
 
-        check_unused(self, ("picture", "srdf"), "no ROBOT")
+        check_unused(self, ("picture", "srdf"), "the list of robots")
         named = {name: read_keys(path).provider for name, path in catalogue().items()}
         named |= {name: provider for name, provider, _ in as_they_come()}
         there = {each: provider_folder(each) is not None for each in set(named.values())}

@@ -610,9 +610,12 @@ class Simulate:
             return 1
         self._write(accepted.plan, execution)
         if self.json:
-            doubts = list(accepted.plan.doubts)
-            verdict = {"succeeded": report.succeeded, "message": _why(report, execution)}
-            emit({"plan": str(self.plan), **execution.to_json(), **verdict, "doubts": doubts})
+            verdict = {
+                "succeeded": report.succeeded,
+                "message": _why(report, execution),
+                "doubts": list(accepted.plan.doubts),
+            }
+            emit({"plan": str(self.plan), **execution.to_json(), **verdict})
         else:
             out.print(_simulated_table(report, execution))
             say(accepted.plan.doubts, "doubt: {}")

@@ -512,8 +512,7 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
 
 def flat(values: Any, room: float) -> NDArray[np.float32]:
     """Numbers of an observation, those beyond ``room`` clipped."""
-    wide = np.ravel(np.asarray(values, dtype=np.float64))
-    return np.clip(wide, -room, room).astype(np.float32)
+    return np.clip(np.ravel(values), -room, room).astype(np.float32)
 
 
 def boxes(bounds: Mapping[str, tuple[float, float, int]]) -> spaces.Dict:

@@ -31,14 +31,14 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1376, 16939),
-    "cli": (3165, 38454),
+    "api": (1378, 16961),
+    "cli": (3160, 38432),
     "configs": (3, 30),
-    "envs": (3068, 42435),
+    "envs": (3067, 42420),
     "learners": (5210, 76667),
-    "planners": (34909, 576177),
-    "runner": (6511, 89542),
-    "views": (4297, 68659),
+    "planners": (34909, 576231),
+    "runner": (6509, 89532),
+    "views": (4297, 68689),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""

@@ -20,7 +20,7 @@ from matplotlib.ticker import NullFormatter
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import shown
-from stancekit.runner.control.foot_placement import TOUCH_N
+from stancekit.runner.control.foot_placement import touch_n
 from stancekit.runner.log import TOPICS, Recorded, table
 
 from .sheet import (
@@ -210,7 +210,8 @@ def slips(recorded: Recorded, aims: dict[str, Array]) -> Array:
         )
         for name in ("forces_n", "feet_m")
     )
-    feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > TOUCH_N
+    weight_n = np.median(np.linalg.norm(aims["forces_n"].sum(axis=1), axis=1))
+    feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > touch_n(weight_n)
     result, place = np.zeros(touches.shape), np.full((limbs, 3), np.nan)
     before = np.full(limbs, np.nan)
     for row, holds in enumerate(aims["foothold"]):

@@ -108,8 +108,9 @@ def cone_strip(plan: Plan, motion: Played) -> Strip:
     cone_n = np.maximum(now.friction * now.along_n, light_n)
     loaded = now.stands & (now.along_n > light_n)
     used = np.where(loaded, now.across_n / cone_n, 0.0).max(axis=1)
-    title = "friction cone used"
-    return Strip(title=title, unit="%", at=now.frame, values=100.0 * used, limit=100.0)
+    return Strip(
+        title="friction cone used", unit="%", at=now.frame, values=100.0 * used, limit=100.0
+    )
 
 
 def torque_strip(plan: Plan) -> Strip:

@@ -139,7 +139,7 @@ SECTIONS = (
 )
 
 INTERNAL = {
-    "planners.formats.motion_file:_WalkKeys": "part of a gait's file, which the program alone writes",
+    "planners.files.documents:Strict": "what data classes of files share",
     "learners.evaluation.evaluate:_Row": "rows that a bench keeps between runs",
     "learners.surrogates.surrogate:_Header": "metadata of weights",
     "learners.selectors.neural:_Calibration": "metadata of weights",

@@ -548,8 +548,7 @@ class Motion(Evidence, Generic[Q]):
     @property
     def ends_s(self: Motion[Leap]) -> Array:
         """Times at which the M intervals of a leap begin and end, shape (M + 1,) [s]."""
-        timing = self._column("timing")
-        return self.problem.times_s(timing)
+        return self.problem.times_s(self._column("timing"))
 
 
 def _plain(name: str, value: Any) -> str | float:

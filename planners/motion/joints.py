@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
-from ..arguments import cached_property
 from ..errors import check_time
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import (
@@ -83,7 +82,7 @@ class MovingBody:
             toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
             stands: which feet touch, shape (K, N).
             near: angles to begin with, shape (K, J) [rad].
-            rounds: as ``_ROUNDS``.
+            rounds: as ``_WALK_ROUNDS``.
             steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
         """
         body_m, angles = self.model.com_m, near
@@ -192,9 +191,9 @@ for anew, and the runner refuses, too."""
 TURN_RAD = 0.1
 """Between two moments that are judged no joint turns by much more: half way, joints that turn
 evenly put a foot less than L θ² / 8 from its path, a fraction of a millimetre."""
-_ROUNDS = 2
-"""Joints are found so often: where the centre of mass is, and how far feet rolled, depends on
-them."""
+_ROUNDS, _SETTLED_M = 30, 0.1 * STRAY_M
+"""Joints are found so often at most, and until that moves no body whose feet are where they should
+be by more: where the centre of mass is, and how far feet rolled, depends on them."""
 
 
 class JointPath:
@@ -240,14 +239,8 @@ class JointPath:
 
     def postures(self, moments: PathMoments) -> WholeBody:
         """The postures at moments that follow each other."""
-        _ = self._turned
+        self.judged()  # for the corners
         return self._postures(moments)
-
-    @cached_property
-    def _turned(self) -> bool:
-        """Tell whether corners are known."""
-        self.judged()
-        return True
 
     def _turn(self, moments: PathMoments, postures: WholeBody, deadline: float) -> None:
         """Find postures for the corners of swings that limbs do not follow."""
@@ -296,16 +289,18 @@ class JointPath:
     def _postures(self, moments: PathMoments) -> WholeBody:
         kinematics, angles = self._kinematics, self._drawn(moments)
         rotations = rotations_of(moments.rotation_rad)
-        normals, feet, wished = moments.ups, moments.feet_m, angles
-        origins, error = moments.com_m, np.zeros(feet.shape[:2])
+        normals, feet = moments.ups, moments.feet_m
+        origins, error = np.full_like(moments.com_m, np.inf), np.zeros(feet.shape[:2])
         for _ in range(_ROUNDS):
-            shifts = np.array([kinematics.com_offset(q) for q in angles])
+            shifts, before = np.array([kinematics.com_offset(q) for q in angles]), origins
             origins = moments.com_m - np.einsum("tij,tj->ti", rotations, shifts)
+            if np.abs(origins - before)[error.max(axis=1) < STRAY_M].max(initial=0.0) < _SETTLED_M:
+                break
             feet = moments.feet_m + _rolled(kinematics, moments, rotations, angles, normals)
             angles, error = descend_legs(
                 kinematics.model.legs,
                 np.einsum("tij,tni->tnj", rotations, feet - origins[:, None]),
-                wished,
+                angles,
                 np.einsum("tij,tni->tnj", rotations, normals),
             )
         return WholeBody(
@@ -317,6 +312,22 @@ class JointPath:
             stands=moments.foothold >= 0,
             error_m=error,
         )
+
+
+def joints_along(
+    plan: Plan, kinematics: Kinematics, *, deadline: float = math.inf
+) -> tuple[PathMoments, WholeBody]:
+    """The moments of a plan's path that are judged, and the postures there; found once for whoever
+    judges or mends the plan.
+
+    Raises as ``JointPath.judged`` does.
+    """
+    if kinematics.robot is not plan.problem.robot:
+        return JointPath(path_of(plan), kinematics).judged(deadline=deadline)
+    along: tuple[PathMoments, WholeBody] = vars(plan).get("_joints") or vars(plan).setdefault(
+        "_joints", JointPath(path_of(plan), kinematics).judged(deadline=deadline)
+    )
+    return along
 
 
 def key_postures(plan: Plan, angles: Array) -> WholeBody:
@@ -380,7 +391,7 @@ def path_torques(
     path, forces_n = path_of(plan), plan.forces_n
     if plan.moments_nm is not None:
         forces_n = np.concatenate([forces_n, plan.moments_nm], axis=2)
-    moments, postures = JointPath(path, solver).judged(deadline=deadline)
+    moments, postures = joints_along(plan, solver, deadline=deadline)
     rows = np.flatnonzero((moments.part == 1) | ((moments.part == 0) & (moments.passed == 1.0)))
     torques = list[Array]()
     for t in rows.tolist():

@@ -276,7 +276,8 @@ def guide_path(
             heading or height may lift.
 
     Raises:
-        NoPlace: for a start or goal in a solid, off the terrain, or without footholds for all toes,
+        NoPlace: for a start or goal in a solid, or without footholds for all toes, another InvalidInput
+            for one off the terrain,
             and PlanningFailed where no way is found, which names what is in the way and proves
             nothing.
     """
@@ -596,7 +597,7 @@ class _Lattice:
     def _node(self, place: Array, name: str) -> int:
         """The node at a place.
 
-        Raises NoPlace where the robot cannot stand, and InvalidInput where it cannot in any stance.
+        Raises NoPlace where the robot cannot stand, and InvalidInput for a place off the terrain.
         """
         at = np.round((place - self.corner_m) / self.spacing_m).astype(int)
         where = f"{name}: expected footholds for every toe about ({place[0]:g}, {place[1]:g})"
@@ -618,9 +619,7 @@ class _Lattice:
         gap = float(np.linalg.norm(gaps, axis=1).min(initial=np.inf))
         nearest = f"the nearest place to stand is {gap:.3g} m away"
         if (solid_m := self._solid_at(place)) is not None:
-            # over one that is higher than legs are long nobody stands, however wide or high
-            refused = InvalidInput if solid_m > self.footprint.reach_m else NoPlace
-            raise refused(
+            raise NoPlace(
                 f"{name}: expected a place outside of solids, got ({place[0]:g}, {place[1]:g}) in "
                 "the "
                 f"solid that is {solid_m:.3g} m high; {nearest}"

@@ -29,7 +29,7 @@ from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Given
 from ..errors import check_time
 from ..files.arrays import Array, cross
-from ..motion.joints import STRAY_M, JointPath, key_postures
+from ..motion.joints import STRAY_M, JointPath, joints_along, key_postures
 from ..motion.path import LIFT_M, PathMoments, PlanPath, path_of
 from ..problem import Problem
 from ..robot.bodies import Bodies, link_shapes
@@ -498,7 +498,7 @@ def _legs(plan: Plan) -> tuple[Array, NDArray[np.int_]]:
     it stands on, lifts off or comes down to, shape (T, N).
     """
     solver = Kinematics(plan.problem.robot, gravity_m_s2=plan.problem.gravity_m_s2)
-    moments, at = JointPath(path_of(plan), solver).judged()
+    moments, at = joints_along(plan, solver)
     chains = np.array([solver.chains(angles) for angles in at.angles])
     ends = at.origin_m[:, None, None] + np.einsum("tij,tnkj->tnki", at.rotation, chains)
     first, last = ends[:, :, :-1, None], ends[:, :, 1:, None]

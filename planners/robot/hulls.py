@@ -13,7 +13,8 @@ axis leaves its cell nowhere, and so meets the surface on both sides of the poin
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -390,29 +391,35 @@ class _Cell:
         sides: (axis, place, sign) of the planes that it is behind.
         points: on the surface in it, shape (P, 3) [m].
         volume: volume of their hull [m³].
+        along: the cell in two along an axis, as it was found.
     """
 
     sides: tuple[tuple[int, float, float], ...]
     points: Array
     volume: float
+    along: dict[int, tuple[_Cell, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, points: Array, sides: tuple[tuple[int, float, float], ...] = ()) -> _Cell:
         corners, volume = _hull(points)
         return cls(sides=sides, points=points if len(corners) else corners, volume=volume)
 
-    def cuts(self, axes: tuple[int, ...]) -> Iterator[tuple[_Cell, _Cell]]:
-        """The cell in two, by planes along these axes; the points of a half are those up to the
-        plane.
+    def cut(self, axes: Sequence[int]) -> tuple[_Cell, ...]:
+        """The cell in two, by the plane along these axes that saves the most; alone where it spans
+        no volume.
         """
-        for axis in axes if self.volume > 0.0 else ():
-            along = self.points[:, axis]
-            for place in np.linspace(along.min(), along.max(), _PLACES + 2)[1:-1].tolist():
-                low, high = ((*self.sides, (axis, place, sign)) for sign in (1.0, -1.0))
-                yield (
-                    _Cell.of(self.points[along <= place], low),
-                    _Cell.of(self.points[along >= place], high),
-                )
+        for axis in {*axes} - {*self.along} if self.volume > 0.0 else ():
+            self.along[axis] = min(self._halves(axis), key=_volume)
+        return min((self.along.get(axis, (self,)) for axis in axes), key=_volume)
+
+    def _halves(self, axis: int) -> Iterator[tuple[_Cell, ...]]:
+        """The cell in two, by planes along an axis; the points of a half are those up to the plane."""
+        along = self.points[:, axis]
+        for place in np.linspace(along.min(), along.max(), _PLACES + 2)[1:-1].tolist():
+            yield (
+                _Cell.of(self.points[along <= place], (*self.sides, (axis, place, 1.0))),
+                _Cell.of(self.points[along >= place], (*self.sides, (axis, place, -1.0))),
+            )
 
 
 def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...]:
@@ -429,9 +436,9 @@ def convex_parts(vertices_m: Array, faces: NDArray[np.int_]) -> tuple[Array, ...
         return ()
     apart_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / _FINE
     whole = _Cell.of(points_on(triangles, apart_m))
-    if whole.volume - min(_volume(pair) for pair in whole.cuts((0, 1, 2))) < _EACH * whole.volume:
+    if whole.volume - _volume(whole.cut(range(3))) < _EACH * whole.volume:
         return ()
-    best = min(((0, 1), (0, 2), (1, 2)), key=lambda axes: _volume(_parts(whole, axes, _FEW_PARTS)))
+    best = min(combinations(range(3), 2), key=lambda axes: _volume(_parts(whole, axes, _FEW_PARTS)))
     cells = _parts(whole, best, MOST_PARTS)
     parts, left = list[Array](), 0.0
     for cell in cells:
@@ -461,15 +468,13 @@ def _volume(cells: Sequence[_Cell]) -> float:
 
 def _parts(whole: _Cell, axes: tuple[int, ...], most: int) -> list[_Cell]:
     """At most so many cells by cuts along these axes, each time the one that saves the most."""
-    cells, best = [whole], dict[tuple[tuple[int, float, float], ...], tuple[_Cell, ...]]()
+    cells = [whole]
     while len(cells) < most:
-        for cell in cells:
-            if cell.sides not in best:
-                best[cell.sides] = min(cell.cuts(axes), key=_volume, default=(cell,))
-        cut = max(cells, key=lambda cell: cell.volume - _volume(best[cell.sides]))
-        if cut.volume - _volume(best[cut.sides]) < _EACH * whole.volume:
+        cut = max(cells, key=lambda cell: cell.volume - _volume(cell.cut(axes)))
+        if cut.volume - _volume(cut.cut(axes)) < _EACH * whole.volume:
             break
-        cells = [cell for cell in cells if cell is not cut] + list(best[cut.sides])
+        cells.remove(cut)
+        cells += cut.cut(axes)
     return cells
 
 

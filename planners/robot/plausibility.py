@@ -37,7 +37,7 @@ _NO_SHAPE = "no shape"
 _VAST = 20.0
 """A shape of so many lengths of a leg is in other units."""
 _LEAST_SHARE = 0.01
-"""Share of the robot's mass that its trunk has at least."""
+"""Share of the robot's mass that its trunk has at least; a link with as much has moments of inertia."""
 _SHAPED_SHARE = 0.05
 """A link of the trunk with this share of the robot's mass has a shape of its own, or lies in one."""
 _OSMIUM_KG_M3 = 22_590.0
@@ -147,7 +147,7 @@ def shape_doubts(
     total = sum(mass for _, mass, *_ in links)
     for link, mass, _, (small, middle, large) in links:
         densest = 0.4 * mass * (0.75 * max(mass, 0.0) / (np.pi * _OSMIUM_KG_M3)) ** (2 / 3)
-        if large < 0.1 * densest and densest > _SLIGHT * total * reach**2:
+        if large < 0.1 * densest and mass > _LEAST_SHARE * total:
             yield (
                 f"link {link.get('name')}",
                 f"a moment of inertia of {large:.3g} kg m² of {mass:.3g} kg: denser than any body",

@@ -490,13 +490,12 @@ def _one(
     """The answer of the piece from frame ``at`` to ``last``."""
     state, now = Standing.at_end(plans[-1]) if plans else None, time.perf_counter()
     left = max(1.0, (course.frames - 1 - at) / (PIECE - SHARED))
-    until = (
-        deadline
-        if math.isinf(deadline)
-        else min(deadline, now + _PATIENCE * (deadline - now) / left)
+    until = min(deadline, now + _PATIENCE * (deadline - now) / left)
+    return piece(
+        course_window(course, at, last, state),
+        None if state is None else state.angles_rad,
+        until,
     )
-    angles_rad = None if state is None else state.angles_rad
-    return piece(course_window(course, at, last, state), angles_rad, until)
 
 
 def _shorter(

@@ -447,7 +447,7 @@ def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
 def _search_end(end: float, share: float = _SEARCH) -> float:
     """When a search has to end whose plan is to be bent and judged by then."""
     now = time.perf_counter()
-    return end if math.isinf(end) else now + share * max(end - now, 0.0)
+    return now + share * max(end - now, 0.0)
 
 
 def _detour(question: Problem | LayOut, alternative: Alternative, push_n: float) -> Detour | None:
@@ -759,13 +759,12 @@ def replan(
     if planner is None:
         planner = TwoStage()
     chosen: Planner = planner if hasattr(planner, "solve") else planner(window)  # type: ignore[assignment]
-    start_rad = None if state is None else state.angles_rad
     return plan_course(
         window,
         chosen,
         shares=shares,
         presses=presses,
         limits=limits,
-        start_rad=start_rad,
+        start_rad=None if state is None else state.angles_rad,
         deadline=deadline,
     )

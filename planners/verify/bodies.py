@@ -195,8 +195,7 @@ def check_bodies(
     Raises:
         InvalidInput: without coal.
     """
-    from ..motion.joints import STRAY_M, JointPath, key_postures  # slow to import
-    from ..motion.path import path_of
+    from ..motion.joints import STRAY_M, joints_along, key_postures  # slow to import
     from ..robot.bodies import Bodies
     from ..terrain.obstacles import Obstacles
 
@@ -217,7 +216,7 @@ def check_bodies(
         return group, Group("motion", unit="m", message=unchecked, verdict="not checked")
 
     def motion() -> Group:
-        moments, postures = JointPath(path_of(plan), solver).judged(deadline=deadline)
+        moments, postures = joints_along(plan, solver, deadline=deadline)
         assert postures.error_m is not None
         stray_m = float(postures.error_m.max())
         astray = (

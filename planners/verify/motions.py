@@ -109,8 +109,6 @@ _OF_THREE = ("balance", "forces", "rates", "com_velocity", "turning", "effort")
 """Groups that need three rows, too."""
 _NO_LIMIT_RAD_S = 10.0
 """Speed in place of the limit of a joint that has none."""
-
-
 _ROLLS_RAD = 1.5
 """Shins turn by no more than this while their feet stand."""
 
@@ -659,12 +657,12 @@ def nearest(
     """
     if isinstance(terrain, Ground):
         place, normal = _nearest_on(terrain.heights, centres_m, radii_m)
-        height = terrain.heights.height(centres_m[:, :2])
+        below = centres_m[:, 2] < terrain.heights.height(centres_m[:, :2])
         low, high = np.transpose(terrain.heights.domain_m)
         place[:, :2] = place[:, :2].clip(low, high)  # beyond its border there is no ground
         far = np.linalg.norm(centres_m - place, axis=1)
-        inside = terrain.heights.contains(centres_m[:, :2])
-        gap = np.where(inside & (centres_m[:, 2] < height), -far, far) - radii_m
+        below &= terrain.heights.contains(centres_m[:, :2])
+        gap = np.where(below, -far, far) - radii_m
         return gap, normal, np.full(len(centres_m), terrain.friction)
     best, side = np.full(len(centres_m), np.inf), np.zeros(len(centres_m))
     normals, friction = np.tile([0.0, 0.0, 1.0], (len(centres_m), 1)), np.ones(len(centres_m))

@@ -43,8 +43,9 @@ from ..files.documents import shown
 from ..files.writing import cache_folder
 from ..plugins import foreign
 
-MANY, MOST, STEPS, HALVINGS = 40, 32, 60, 5
-"""Stances from which on the loops are compiled, where numba is installed; most directions that are
+MANY, MOST, STEPS, HALVINGS = 400, 32, 60, 5
+"""Stances from which on the loops are compiled, where numba is installed: half a second with what was
+compiled before, ten without, as long as 300 and 5000 take in Python; most directions that are
 tried; most steps to an end or a proof; halvings of the interval in which the least share of the
 friction is sought."""
 AIM, DOWN, EDGE, BEGIN, STALLED = 0.3, 0.1, 0.98, 0.05, 1e-4

@@ -187,8 +187,7 @@ class FootPlacement:
     @property
     def _touch_n(self) -> float:
         """A foot that presses so hard touches."""
-        least = touch_n(self._weight, self._feedback.touch_n)
-        return max(least, _QUIET * sqrt(self._variance))
+        return max(touch_n(self._weight, self._feedback.touch_n), _QUIET * sqrt(self._variance))
 
     def _listen(self, below_n: Array) -> None:
         """Estimate the noise of the feet by what those in the air feel below zero, shape (K,)."""

@@ -421,8 +421,9 @@ class Tracker:
         sums = self._feedback.press_hz > 0.0 and hangs.any()
         if not (sums or self._pressed.any()):
             return
-        least = touch_n(self._weight, self._feedback.touch_n)
-        feels = stands & (np.vecdot(forces_n, sample.normals) >= least)
+        feels = stands & (
+            np.vecdot(forces_n, sample.normals) >= touch_n(self._weight, self._feedback.touch_n)
+        )
         moving = self._moving(
             sample.arms_m, feels
         )  # a dead sensor asks for no more, and balances nothing

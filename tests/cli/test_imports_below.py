@@ -52,8 +52,8 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.evaluation.room",
             "learners.zoo",
         ),
-        DRAWS: ("views.sheet",),
     },
+    "console": {DRAWS: ("views.sheet",)},
     "export": {TOOL: ("learners.data.export",), LATER: ("planners.formats.motion_file",)},
     "fit": {
         CHOICES: ("planners.projection.project",),
@@ -61,7 +61,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "learners.evaluation.evaluate",
             "learners.training.reinforce",
         ),
-        DRAWS: ("views.sheet",),
     },
     "gait": {
         CHOICES: ("planners.gait.charts",),
@@ -70,7 +69,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: (
             "planners.gait.charts.warped",
             "views.gaits",
-            "views.sheet",
         ),
     },
     "main": {TOOL: ("planners.plugins",)},
@@ -121,7 +119,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: (
             "planners.robot.meshes",
             "views.robots",
-            "views.sheet",
         ),
     },
     "run": {
@@ -130,10 +127,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "runner.safety.estop",
             "runner.worlds.ros.bridge",
         ),
-        DRAWS: (
-            "views.gait_plot",
-            "views.sheet",
-        ),
+        DRAWS: ("views.gait_plot",),
         LATER: (
             "planners.motion.plan_motion",
             "planners.robot.leg",
@@ -162,7 +156,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         DRAWS: (
             "views.maps",
             "views.page",
-            "views.sheet",
             "views.terrain",
         )
     },

@@ -117,7 +117,7 @@ def test_without_a_robot_it_lists_those_with_a_name(stancekit: Callable) -> None
 
 def test_an_option_wants_a_robot(refusal: Callable) -> None:
     said = refusal("robot", "--picture", "robot.png")
-    assert said == "--picture: expected none with no ROBOT, got robot.png"
+    assert said == "--picture: expected none with the list of robots, got robot.png"
 
 
 PLACES = [

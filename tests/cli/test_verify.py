@@ -352,7 +352,7 @@ STEP = "v 2 -1 0\nv 2 1 0\nv 2 1 0.1\nv 2 -1 0.1\nv 3 1 0.1\nv 3 -1 0.1\nf 5 8 7
 def test_a_mesh_under_a_motion_may_have_steps_and_sides_along_no_axis(
     z: float, verdict: str, walk_file: Path, stancekit, tmp_path: Path
 ) -> None:
-    ground = tmp_path / "ground.obj"
+    ground = tmp_path / "of.python.obj"
     ground.write_text(DIAMOND.format(z=z) + STEP)
     judged = ("verify", walk_file.with_suffix(".csv"), "--robot", "anymal", "--terrain", ground)
     (record,) = stancekit(*judged, "--json").records

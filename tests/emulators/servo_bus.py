@@ -3,9 +3,9 @@ and its faults.
 
 ``EmulatedBus`` runs in a thread; ``bus_process`` (``devices.py``) runs it as a child process, which
 lives on when the host is killed. Both answer ``inject(fault, at_s)``, ``state()`` and ``close()``.
-Times in ``state()`` are ``time.monotonic``, the same for all processes of the machine.
-The servos' own time is slower where the machine is too slow for the emulator (``EmulatedTime``): a
-watchdog must not trip because nobody ran the servos.
+Times in ``state()`` are ``time.monotonic``, the same for all processes of the machine, but for the
+servos' own, ``own_s`` and ``moved_s``, which is slower where the machine is too slow for the emulator
+(``EmulatedTime``): a watchdog must not trip because nobody ran the servos.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ class EmulatedBus(threading.Thread):
             False,
             False,
         )
-        self._moved_s, self._still_s, self._baud = 0.0, time.monotonic(), baud
+        self._baud = baud
         self.start()
 
     @property
@@ -168,8 +168,8 @@ class EmulatedBus(threading.Thread):
     def state(self) -> dict[str, Any]:
         """State of the servos, JSON-ready.
 
-        still_s: since when none of them has moved. time_share: emulated time over the machine's, 1
-        where it keeps up.
+        own_s, moved_s: the servos' own time, and when one of them moved last in it. time_share:
+        emulated time over the machine's, 1 where it keeps up.
         """
         with self._lock:
             servos, n = self.servos, range(len(self.servos.ids))
@@ -187,7 +187,8 @@ class EmulatedBus(threading.Thread):
                 "hardware_error": [servos.get(i, 70) for i in n],
                 "goal_writes": servos.goal_writes,
                 "refused_goals": servos.refused_goals,
-                "still_s": self._still_s,
+                "own_s": servos.now,
+                "moved_s": servos.moved_s,
                 "happened": list(self._happened),
                 "goal_packets_s": self.goal_packets_s[-100:],
                 "torque_packets_s": self.torque_packets_s[-100:],
@@ -251,8 +252,6 @@ class EmulatedBus(threading.Thread):
     def _pass(self) -> None:
         """Let emulated time pass for the servos."""
         self.servos.advance(self.clock.tick())
-        if self.servos.moved_s != self._moved_s:
-            self._moved_s, self._still_s = self.servos.moved_s, time.monotonic()
 
     def _happen(self) -> None:
         """Let happen whatever is due."""

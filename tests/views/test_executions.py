@@ -145,7 +145,7 @@ def test_what_was_planned_slid_and_planned_anew_is_drawn_where_the_log_says_it()
     }
     feet = [[[0.001 * k, 0.0, 0.0], [0.0, 0.002 * k, 0.0]] for k in range(4)]
     states = [
-        replace(each, content=each.content | {"feet_m": feet[k]})
+        replace(each, content=each.content | {"feet_m": feet[k], "forces_n": [[0.0, 0.0, 1.0]] * 2})
         for k, each in enumerate(m for m in log.messages if m.topic == "measurement")
     ]
     rest = [each for each in log.messages if each.topic != "measurement"]

@@ -323,9 +323,7 @@ class Session:
                     continue
                 self.scenario, self._since = edited, since
                 self.number += 1
-            self._bell.send_bytes(
-                b"changed"
-            )  # it waits where the pipe is full, but holds nobody up
+            self._bell.send_bytes(b"changed")  # may wait for a full pipe, so without the lock
             return number + 1
 
     def close(self) -> None:

@@ -547,7 +547,7 @@ def _of_plan(view: PlanView, answer: SceneAnswer) -> list[tuple[str, str]]:
             f"{100 - used.values[used.worst]:.0f} % at least, at frame {used.at[used.worst]:.3g}",
         )
         for name, used in strips.items()
-        if len(used.values)
+        if np.isfinite(used.values).any()
     ]
     rows.append(("planned with", f"{100 * answer.share:.0f} % of the friction"))
     rows.append(("ends", f"{to_goal_mm:.0f} mm from the goal, after {course.frames} key frames"))

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import PlanningFailed
+from stancekit.planners.errors import NoPlace, PlanningFailed
 from stancekit.planners.problem.guide_path import LATTICE_M, Footprint, guide_over, guide_path
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.families import Terrain
@@ -157,10 +157,19 @@ def test_legs_that_stride_leave_the_way_of_the_trunk_alone_which_rises_as_far_as
 def test_a_start_or_goal_in_a_solid_is_refused_with_how_far_it_is_to_the_nearest_place(
     start, goal, name
 ):
-    with refuses(name, "(2, 0)") as refused:
+    with refuses(name, "(2, 0)", kind=NoPlace) as refused:
         path(over([LEVEL], (1.8, 2.2, -0.8, 0.8, 0.0, 1.0)), start, goal)
     away = float(str(refused.value).split("nearest place to stand is ")[1].split(" m")[0])
     assert away == pytest.approx(0.2 + HALF_M, abs=2 * LATTICE_M)
+
+
+def test_a_place_over_rails_on_which_feet_may_stand_is_a_question_however_high_they_are():
+    rails = [floor(-1, 1, y, y + 0.2, 1.2) for y in (-0.3, 0.1)]
+    sides = [(-1, 1, y, y + 0.2, 0.0, 1.2) for y in (-0.3, 0.1)]
+    ground = over([LEVEL, *rails], *sides)
+    for place in ((-0.3, 0.2), (0.3, -0.2)):
+        with refuses("1.2 m", kind=NoPlace):  # of this planner: six feet hold on both rails
+            path(ground, place, (0, 0))
 
 
 def test_a_goal_off_the_terrain_says_how_far_it_is():

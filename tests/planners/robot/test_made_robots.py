@@ -219,6 +219,7 @@ HEAD = (
     '</inertial></link><joint name="neck" type="fixed"><parent link="trunk"/><child link="head"/>'
     '<origin xyz="0 0 2"/></joint>'
 )
+LIGHT_HEAD = HEAD.replace('"3"', '"0.3"').replace('"0.01"', '"4e-18"')
 
 
 @pytest.mark.parametrize(
@@ -228,6 +229,12 @@ HEAD = (
         ("</link>", "<colision/></link>", "link trunk: <colision>", ""),
         ("</link>", HEAD, "link head: no shape", "link head"),
         ("<inertia ", "<inertias ", "of 6 kg: denser than any body", ""),
+        (
+            "</link>",
+            LIGHT_HEAD,
+            "link head: a moment of inertia of 4e-18 kg m² of 0.3 kg: denser",
+            "",
+        ),
         ("<limit ", "<limits ", "<limits>, which is not known", ""),
     ],
 )

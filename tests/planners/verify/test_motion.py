@@ -18,7 +18,7 @@ from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.motion.joints import JointPath
+from stancekit.planners.motion.joints import STRAY_M, JointPath
 from stancekit.planners.motion.path import APART_M, MOST, PlanPath
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics
@@ -39,6 +39,20 @@ def test_moments_are_a_centimetre_apart_and_meet_every_key_frame(
     for t, k in zip(stands, range(4), strict=True):
         assert np.allclose(moments.feet_m[t] - path.radii_m[:, None] * [0, 0, 1], plan.toes_at(k))
     assert all(np.all(late >= early) for early, late in pairwise(moments.frame))
+
+
+def test_postures_on_the_way_have_their_centre_of_mass_where_the_plan_has_it(
+    walk: Callable[..., Motion], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a robot with heavy legs: what they shift the body by shifts them."""
+    plan = with_joints(walk(3))
+    solver = Kinematics(plan.problem.robot)
+    light = solver.com_offset
+    monkeypatch.setattr(solver, "com_offset", lambda angles: 4.0 * light(angles))
+    moments, at = JointPath(PlanPath(plan), solver).judged()
+    shifts = np.array([solver.com_offset(angles) for angles in at.angles])
+    com_m = at.origin_m + np.einsum("tij,tj->ti", at.rotation, shifts)
+    assert np.abs(com_m - moments.com_m).max() < STRAY_M
 
 
 def test_joints_along_a_path_are_looked_for_until_the_time_ends(
