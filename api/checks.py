@@ -30,7 +30,7 @@ _LIMIT_S = 60.0
 _FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 _HELD_M = 1e-3
-"""Heights hold a mesh whose corners are all so near to them [m]."""
+"""Heights describe a mesh whose corners are all so near to them [m]."""
 _MANY = 5_000
 """Triangles whose surfaces take minutes to find, and to judge by."""
 _TOLD_M = 1e-3
@@ -172,8 +172,8 @@ def _check_motion(
 
 
 def _ground(name: str) -> Sequence[Patch] | Ground:
-    """Heights by name or file; of a mesh that no heights hold, as one with steps, holes, or sides
-    that run along no axis, the surfaces, unless it has very many triangles.
+    """Heights by name or file; the surfaces of a mesh that heights do not describe, as one with
+    steps, holes, or sides that run along no axis, unless it has more than ``_MANY`` triangles.
     """
     from stancekit.planners.terrain.footholds import footholds_of
     from stancekit.planners.terrain.reference import named_terrain, names_ground

@@ -276,10 +276,9 @@ def guide_path(
             heading or height may lift.
 
     Raises:
-        NoPlace: for a start or goal in a solid, or without footholds for all toes, another InvalidInput
-            for one off the terrain,
-            and PlanningFailed where no way is found, which names what is in the way and proves
-            nothing.
+        NoPlace: for a start or goal in a solid, or without footholds for all toes.
+        InvalidInput: for one off the terrain.
+        PlanningFailed: where no way is found; it names what is in the way and proves nothing.
     """
     start, goal = ends_m
     surfaces = [patch for _, patch in terrain.standing]

@@ -533,8 +533,8 @@ def summary(answer: SceneAnswer, view: View | None) -> str:
 
 
 def _of_plan(view: PlanView, answer: SceneAnswer) -> list[tuple[str, str]]:
-    """What a plan has in hand, as the strips below a picture of it have that, what it was planned
-    with, and where it ends.
+    """The reserves of a plan, the figures of the strips below its picture; what it was planned with,
+    and where it ends.
     """
     plan, course = view.plan, view.plan.problem
     to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
