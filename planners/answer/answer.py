@@ -139,11 +139,8 @@ class Answer(Generic[S]):
         """The sets of the robot's legs that a course is over; None for a robot without legs, or
         with other sets.
         """
-        if not isinstance(self.problem, Problem) or self.problem.is_posture:
-            return None
-        from ..robot.walker import sets_of
-
-        return sets_of(self.problem.robot)
+        problem = self.problem
+        return problem.sets if isinstance(problem, Problem) and not problem.is_posture else None
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -87,11 +87,9 @@ class Certificate(Evidence):
         """
         if not isinstance(self.problem, Problem):
             return None
-        if not self.problem.is_posture:
-            from ..robot.walker import sets_of
-
-            return sets_of(self.problem.robot)
-        return "inner" if self.problem.robot.identity else None
+        if self.problem.is_posture:
+            return "inner" if self.problem.robot.identity else None
+        return self.problem.sets
 
     @property
     def robot(self) -> Robot | None:

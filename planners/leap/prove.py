@@ -105,18 +105,14 @@ def _multipliers(numbers: LeapNumbers, solution: ConicSolution) -> dict[str, Arr
 
 
 def widened(numbers: LeapNumbers) -> tuple[Array, Array]:
-    """Radii of the limbs and bounds of the half-spaces with room for exact rotations, by ½ |Θ|² of
-    what they turn.
+    """Radii of the limbs with room for exact rotations, by ½ |Θ|² of where the shoulders are, and
+    bounds of the half-spaces with such radii (``robot.model``).
     """
-    scaled, tilt = numbers.scaled, numbers.scaled.tilt
-    bend = 1.5 * tilt**2  # ½ |Θ|² where every component is at the limit
-    far = np.linalg.norm(scaled.shoulders, axis=1)
-    limbs = numbers.layout.row_limbs
-    rows = (
-        scaled.half_spaces.outer_bounds
-        + bend * (far + scaled.reach + turned_most(scaled.shoulders, tilt))[limbs]
-    )
-    return scaled.reach + bend * far, rows
+    scaled, spaces = numbers.scaled, numbers.scaled.half_spaces
+    bend = 1.5 * scaled.tilt**2  # ½ |Θ|² where every component is at the limit
+    out = bend * np.linalg.norm(scaled.shoulders, axis=1)
+    turned = turned_most(spaces.normals, scaled.tilt)
+    return scaled.reach + out, spaces.outer_bounds + turned * out[numbers.layout.row_limbs]
 
 
 def proof_cut(numbers: LeapNumbers, row: Array) -> Cut:

@@ -342,11 +342,12 @@ class CourseSpec(_Keys):
         if robot is not None and not robot.own:
             return robot if mass_kg is None else replace(robot, mass_kg=mass_kg)
         if robot is not None and mass_kg is None:
-            return robot if sets == "inner" else robot.sets(sets)
+            return robot if sets == "inner" else robot.sets(sets, self.body.tilt_limit_rad)
         from ..robot.walker import contact_robot, with_mass
 
         model = self._named(folder) if robot is None else robot.own_model()
-        return contact_robot(model if mass_kg is None else with_mass(model, mass_kg), sets=sets)
+        model = model if mass_kg is None else with_mass(model, mass_kg)
+        return contact_robot(model, sets=sets, tilt_rad=self.body.tilt_limit_rad)
 
     def _named(self, folder: Path) -> RobotModel:
         """The model of the robot that the key ``robot`` names, read once.

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
-from typing import Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +50,9 @@ from .contact import (
     checked_wrench,
 )
 from .posture import BODY, TILT_LIMIT_RAD, PostureKeys, checked_body
+
+if TYPE_CHECKING:
+    from ..robot.reach_sets import Sets
 
 Value = TypeVar("Value")
 MOST_FRAMES = 1000
@@ -534,6 +537,15 @@ class Problem:
         limbs, unit_m = self.robot.limbs, self.length_scale_m
         size_m = max(float(np.abs(each.shoulder_m).max()) + each.reach_m for each in limbs)
         return unit_m if size_m <= _FAR * unit_m and unit_m <= _FAR * size_m else size_m
+
+    @property
+    def sets(self) -> Sets | None:
+        """The sets of its model's legs that the robot's limbs have; None where it has no model, or they
+        have others.
+        """
+        from ..robot.walker import sets_of  # measures legs, which is slow to import
+
+        return sets_of(self.robot, self.tilt_limit_rad)
 
     @cached_property
     def origin_m(self) -> Array:

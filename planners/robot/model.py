@@ -11,7 +11,10 @@ exact where the tilt limit is 0 (s the shoulder, ρ the ball's radius, z any poi
 * outer, for bounds and proofs:  a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)).
 
 The inner one leaves out Θ·(a × (d − z)), at most t(a) ‖a × (d − z)‖: z is in the middle of the
-half-spaces. The outer one leaves out Θ·(a × (d − s)), and ‖d − s‖ ≤ ρ + t(s) by the ball.
+half-spaces. The outer one leaves out Θ·(a × (d − s)), and ‖d − s‖ ≤ ρ + t(s) by the ball. That is
+more than it takes: the outer one holds a·R(Θ)ᵀd ≤ b of the rotation R(Θ) = exp([Θ]×) as well, by about
+half of t(a) t(s), wherever the ball ‖d − (I + [Θ]×) s‖ ≤ ρ holds, which is then to be made larger
+(``outer_sets``).
 """
 
 from __future__ import annotations
@@ -666,16 +669,16 @@ class Robot:
             model = turned_model(model, frame.heading_rad)
         return replace(self, limbs=tuple(limbs), relative_reach=tuple(reach), model=model)
 
-    def sets(self, which: Sets) -> Robot:
+    def sets(self, which: Sets, tilt_rad: float = 0.0) -> Robot:
         """Robot over the inner sets of its legs, which they surely reach, or over the outer ones,
-        which hold all that they might reach.
+        which hold all that they might reach within this limit of the body's tilt.
 
         Raises InvalidInput for a robot without legs of its own, and for a leg without a workspace
         that has an inside.
         """
         from .reach_sets import limbs_over  # measures legs, which is slow to import
 
-        limbs = limbs_over(self.own_model(), which)
+        limbs = limbs_over(self.own_model(), which, tilt_rad=tilt_rad)
         rows = self.relative_reach if which == "inner" else ()
         return replace(self, feet=(), limbs=limbs, relative_reach=rows)
 

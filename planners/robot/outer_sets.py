@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache, reduce
 from itertools import permutations
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -48,17 +48,13 @@ _ROUNDING_M = 1e-9
 """Added for the arithmetic."""
 
 
-def foot_cloud(leg: Leg, steps: int = _STEPS) -> _Cloud:
-    """All places of a leg's foot in the base's frame.
-
-    Arguments:
-        steps: of every joint's range; the finer, the smaller the slack.
-    """
+def foot_cloud(leg: Leg) -> _Cloud:
+    """All places of a leg's foot in the base's frame."""
     chain, cloud = leg.chain, _Cloud(points=leg.chain.tip_m[None], slack_m=_ROUNDING_M)
     limits = np.column_stack([leg.lower_rad, leg.upper_rad])
     for i in reversed(range(chain.joints)):
         place, axis = (chain.rotations[i], chain.origins[i]), chain.axes[i]
-        cloud = turned(cloud, 1.0, *place, axis, bool(chain.slides[i]), *limits[i], steps=steps)
+        cloud = turned(cloud, 1.0, *place, axis, bool(chain.slides[i]), *limits[i])
     return cloud
 
 
@@ -110,9 +106,6 @@ def turned(
     slides: bool,
     lower: float,
     upper: float,
-    *,
-    steps: int,
-    most: int = _MOST_POINTS,
 ) -> _Cloud:
     """Carry what lies outward of a joint over the joint's whole range, into the frame before it.
 
@@ -121,18 +114,16 @@ def turned(
         rotation, origin: pose of the joint's frame in the one before it.
         axis: in the joint's own frame.
         lower, upper: limits of the joint [rad, or m where it slides].
-        steps: of the range.
-        most: points of the cloud; more are thinned.
     """
-    thin = cloud.fewer(most)
+    thin = cloud.fewer(_MOST_POINTS)
     points, slack = thin.points, thin.slack_m
     if slides:
         moved = points[None] + weight * np.array([lower, upper])[:, None, None] * axis
     else:
         along = (points @ axis)[:, None] * axis
-        across, step = points - along, (upper - lower) / steps
+        across, step = points - along, (upper - lower) / _STEPS
         slack += step**2 * float(np.linalg.norm(across, axis=1).max()) / 8.0
-        angles = np.linspace(lower, upper, steps + 1)[:, None, None]
+        angles = np.linspace(lower, upper, _STEPS + 1)[:, None, None]
         moved = along + np.cos(angles) * across + np.sin(angles) * np.cross(axis, across)
     placed = weight * origin + moved.reshape(-1, 3) @ rotation.T
     return _Cloud(points=_extreme(placed), slack_m=slack)
@@ -185,9 +176,7 @@ def enclosing_ball(points: Array, rounds: int = 200) -> tuple[Array, float]:
     return centre, float(np.linalg.norm(points - centre, axis=1).max())
 
 
-_VERSION = "outer-sets/1"
-_MOST = 250
-"""Most points of a hull that is turned; more are thinned."""
+_VERSION = "outer-sets/2"
 _DEEPER = 2.0
 """How deep a centre of mass is assumed to get into the ground, in distances that it may be outside of
 the trunk. Drawn robots whose legs are 20 to 85 % of their mass got less than one deep into a wall with
@@ -217,14 +206,28 @@ class OuterSets:
     apart_m: Array
     com_m: Array
 
+    def tilted(self, tilt_rad: float) -> OuterSets:
+        """The sets of a body that is turned by R = exp([Θ]×), |Θ_i| ≤ tilt ≤ 1.4 rad, where limbs turn
+        by I + [Θ]× (``robot.model``): rows stay, balls are larger.
+
+        Let a ball be about x, θ = |Θ| ≤ √3 tilt, κ = ¾ tilt², and s = (1 − κ) x. Then R x − (I + [Θ]×) s
+        is κ x along Θ, and across it (κ − 1 + cos θ) x + (κ − 1 + sin θ / θ) Θ × x; in all at most
+        κ √(1 + tilt² / 3) |x|. About x itself it would be twice as much.
+        """
+        share, (centres, radii) = 0.75 * tilt_rad**2, np.split(self.balls_m, [3], axis=1)
+        out = share * np.sqrt(1.0 + tilt_rad**2 / 3.0) * np.linalg.norm(centres, axis=1)
+        return replace(self, balls_m=np.hstack([(1.0 - share) * centres, radii + out[:, None]]))
+
     def within(self, limbs: Sequence[Limb], radii_m: Array) -> bool:
         """Tell whether limbs may reach all that these sets hold, toes a radius, shape (N,) [m], away
         from the centres of feet.
+
+        A turned body takes its balls farther from others by less than twice what they are apart.
         """
         for limb, bounds, ball, radius in zip(
             limbs, self.feet_m, self.balls_m, radii_m, strict=True
         ):
-            beyond = float(np.linalg.norm(ball[:3] - limb.shoulder_m)) + ball[3] + radius
+            beyond = 2.0 * float(np.linalg.norm(ball[:3] - limb.shoulder_m)) + ball[3] + radius
             if beyond > limb.reach_m + _CONTAINS_M:
                 return False
             if limb.reach_rows is None:
@@ -243,11 +246,11 @@ def outer_sets(robot: RobotModel) -> OuterSets:
     Raises InvalidInput for joints of unknown range.
     """
     tree = _Tree(robot)
-    numbers = [_VERSION, *tree.numbers, *(leg.chain.tip_m.tolist() for leg in robot.legs)]
-    said = json.dumps([*numbers, [leg.joint_names for leg in robot.legs]]).encode()
+    ends = [(leg.joint_names, leg.chain.tip_m) for leg in robot.legs]
+    said = json.dumps([_VERSION, vars(tree), ends], default=np.ndarray.tolist)
     return kept(
         "workspaces/outer-",
-        said,
+        said.encode(),
         lambda: vars(tree.sets(robot.legs)),
         lambda arrays: OuterSets(**{each.name: arrays[each.name] for each in fields(OuterSets)}),
     )
@@ -329,22 +332,6 @@ class _Tree:
                 low, high = -np.pi, np.pi
             self.joints[j] = (axis, slides, low, high)
 
-    @property
-    def numbers(self) -> list[Any]:
-        """All that the sets depend on."""
-        return [
-            self.names,
-            self.masses,
-            *(
-                [each.tolist() for each in (lever, *place)]
-                for lever, place in zip(self.levers, self.places, strict=True)
-            ),
-            *(
-                [axis.tolist(), slides, low, high]
-                for axis, slides, low, high in self.joints.values()
-            ),
-        ]
-
     def sets(self, legs: tuple[Leg, ...]) -> OuterSets:
         """The outer sets for the feet of these legs."""
         normals = directions_of()
@@ -401,18 +388,7 @@ class _Tree:
         parts = [self._carried(child, tips) for child in self.children[joint]]
         outward = reduce(_summed, parts, _Cloud(points=own[None], slack_m=_ROUNDING_M))
         (rotation, origin), (axis, slides, low, high) = self.places[joint], self.joints[joint]
-        return turned(
-            outward,
-            weight,
-            rotation,
-            origin,
-            axis,
-            slides,
-            low,
-            high,
-            steps=_STEPS,
-            most=_MOST,
-        )
+        return turned(outward, weight, rotation, origin, axis, slides, low, high)
 
 
 def _boxes(robot: RobotModel) -> list[Array]:

@@ -534,12 +534,16 @@ Sets = Literal["inner", "outer"]
 
 
 def limbs_over(
-    robot: RobotModel, sets: Sets = "inner", workspaces: Sequence[Workspace] | None = None
+    robot: RobotModel,
+    sets: Sets = "inner",
+    workspaces: Sequence[Workspace] | None = None,
+    tilt_rad: float = 0.0,
 ) -> tuple[Limb, ...]:
     """The limbs of a model over these sets of its legs, from its centre of mass as it stands.
 
     Arguments:
         workspaces: workspaces of the legs; None to measure them, or take them from the cache.
+        tilt_rad: limit of the tilt of the body whose outer sets these are.
 
     Raises:
         InvalidInput: for a leg whose foot is larger than its inner set, for one whose workspace has
@@ -553,46 +557,44 @@ def limbs_over(
                 f"robot {robot.name}: expected feet that are balls for outer sets, got soles, which "
                 "may touch with any part of them"
             )
-        return _outer_limbs(robot)
+        return _outer_limbs(robot, tilt_rad)
     measured = workspaces_of(robot) if workspaces is None else workspaces
     return tuple(
         _limb(leg, each, robot.com_m) for leg, each in zip(robot.legs, measured, strict=True)
     )
 
 
-def contains_all(robot: Robot) -> bool:
-    """Tell whether a robot's limbs may reach all that the legs of its own file may.
+def contains_all(robot: Robot, tilt_rad: float) -> bool:
+    """Tell whether a robot's limbs may reach all that the legs of its own file may, its body within
+    this limit of the tilt.
 
     Raises InvalidInput for a robot without such legs.
     """
     model = robot.own_model()
-    return outer_sets(model).within(robot.limbs, contact_radii_m(model))
+    return outer_sets(model).tilted(tilt_rad).within(robot.limbs, contact_radii_m(model))
 
 
 def standing_toes(robot: RobotModel) -> Array:
     """Places of the toes as the robot stands on level ground, from its centre of mass, shape (N, 3)
     [m].
     """
-    down = np.array([0.0, 0.0, 1.0])
-    return np.array([leg.nominal_m - leg.radius_m * down - robot.com_m for leg in robot.legs])
+    return np.array([leg.nominal_m - [0.0, 0.0, leg.radius_m] - robot.com_m for leg in robot.legs])
 
 
-def _outer_limbs(robot: RobotModel) -> tuple[Limb, ...]:
+def _outer_limbs(robot: RobotModel, tilt_rad: float) -> tuple[Limb, ...]:
     """The limbs over all that the legs may reach, wherever the centre of mass is."""
-    sets, limbs = outer_sets(robot), []
-    for leg, bounds, ball, radius in zip(
-        robot.legs, sets.feet_m, sets.balls_m, contact_radii_m(robot), strict=True
-    ):
-        limbs.append(
-            Limb(
-                name=leg.name,
-                shoulder_m=ball[:3],
-                reach_m=float(ball[3] + radius),
-                reach_rows=ReachRows(normals=sets.normals, bounds_m=bounds + radius),
-                hip_m=leg.hip_m - robot.com_m,
-            )
+    sets = outer_sets(robot).tilted(tilt_rad)
+    each = zip(robot.legs, sets.feet_m, sets.balls_m, contact_radii_m(robot), strict=True)
+    return tuple(
+        Limb(
+            name=leg.name,
+            shoulder_m=ball[:3],
+            reach_m=float(ball[3] + radius),
+            reach_rows=ReachRows(normals=sets.normals, bounds_m=bounds + radius),
+            hip_m=leg.hip_m - robot.com_m,
         )
-    return tuple(limbs)
+        for leg, bounds, ball, radius in each
+    )
 
 
 def _limb(leg: Leg, workspace: Workspace, com_m: Array) -> Limb:

@@ -230,45 +230,38 @@ _SAME_M = 1e-12
 
 
 def contact_robot(
-    robot: RobotModel, workspaces: Sequence[Workspace] | None = None, sets: Sets = "inner"
+    robot: RobotModel,
+    workspaces: Sequence[Workspace] | None = None,
+    sets: Sets = "inner",
+    tilt_rad: float = 0.0,
 ) -> Robot:
     """The robot with its body's origin at its centre of mass, which is taken to stay where it is as
     it stands.
 
     Arguments:
-        workspaces, sets: as for ``limbs_over``, which raises InvalidInput.
+        workspaces, sets, tilt_rad: as for ``limbs_over``, which raises InvalidInput.
     """
     return Robot(
         name=robot.name,
         mass_kg=robot.mass_kg,
-        limbs=limbs_over(robot, sets, workspaces),
+        limbs=limbs_over(robot, sets, workspaces, tilt_rad),
         relative_reach=soles_apart(robot) if sets == "inner" else (),
         model=robot,
     )
 
 
-def sets_of(robot: Robot) -> Sets | None:
-    """The sets of its model's legs that a robot's limbs have; None where it has no model, or they
-    have others.
+def sets_of(robot: Robot, tilt_rad: float = 0.0) -> Sets | None:
+    """The sets of its model's legs that a robot's limbs have, the outer ones within this limit of the
+    tilt; None where it has no model, or they have others.
     """
     for sets in get_args(Sets):
         # of robots without legs of their own, and of legs without an inside, there are none
         with suppress(InvalidInput):
-            if _same_reach(robot.sets(sets), robot):
+            limbs = zip(robot.sets(sets, tilt_rad).limbs, robot.limbs, strict=True)
+            pairs = [(_numbers(one), _numbers(other)) for one, other in limbs]
+            if all(a.shape == b.shape and np.abs(a - b).max() <= _SAME_M for a, b in pairs):
                 return cast(Sets, sets)
     return None
-
-
-def _same_reach(one: Robot, other: Robot) -> bool:
-    """Tell whether the toes of both are in the same sets, to the rounding of a file."""
-    numbers = [
-        (_numbers(mine), _numbers(theirs))
-        for mine, theirs in zip(one.limbs, other.limbs, strict=True)
-    ]
-    return all(
-        mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=_SAME_M)
-        for mine, theirs in numbers
-    )
 
 
 def _numbers(limb: Limb) -> Array:

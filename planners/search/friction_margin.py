@@ -93,6 +93,7 @@ def plan_with_reserve(
     for share in shares:
         limited = in_time(planner, deadline if share == shares[-1] else cautious)
         if limited is None:
+            outcome = None  # that of a more slippery course proves nothing
             continue
         dulled = slippery(course, share)
         if course.has_soles and course.robot.own and len(shares) > 1:

@@ -689,7 +689,7 @@ def _refuted(
         outer = question("outer", AS_ASKED) if callable(question) else question
         if outer is question and outer.tilt_limit_rad == LEVEL_RAD:  # as where it is laid out
             outer = replace(outer, tilt_limit_rad=TILT_LIMIT_RAD)
-        outer = replace(outer, robot=outer.robot.sets("outer"))
+        outer = replace(outer, robot=outer.robot.sets("outer", outer.tilt_limit_rad))
     except InvalidInput as error:  # legs that nobody can measure
         return _undecided(inner, f"{UNPROVED}: {error}")
     limited = in_time(planner, deadline)

@@ -546,7 +546,6 @@ def _check_sets(course: Problem) -> None:
     if not course.robot.own:
         return
     from ..robot.reach_sets import contains_all
-    from ..robot.walker import sets_of
 
     where = f"robot {course.robot.name}"
     balls = (
@@ -554,7 +553,7 @@ def _check_sets(course: Problem) -> None:
     )
     require(not course.has_soles, balls)
     require(
-        contains_all(course.robot) or sets_of(course.robot) == "inner",
+        contains_all(course.robot, course.tilt_limit_rad) or course.sets == "inner",
         f"{where}: expected sets that hold all that its legs reach wherever its centre of mass is, "
         "got smaller ones",
     )

@@ -534,9 +534,9 @@ def _leap(data: Mapping[str, Any]) -> _Sum:
             yield terms, _times(_plus(shoulder, place), -1), reach + bend * _norm(shoulder)
         for time, place, shares, i, j in stands:
             shoulder, reach, spaces = legs[i]
-            far = reach + tilt * _swung(shoulder)
+            far = reach + tilt * _swung(shoulder) + bend * _norm(shoulder)
             for a, b in spaces:
-                room = tilt * _swung(a) * far + bend * _norm(a) * (_norm(shoulder) + far)
+                room = tilt * _swung(a) * far
                 terms = [(("toe", j), a), (("turn", time), _cross(a, shoulder))]
                 fixed = -_dot(a, place) - b - room
                 yield [*terms, *forces(shares, _times(a, -1))], fixed, None

@@ -285,9 +285,8 @@ class _Bounds:
             if (spaces := limb.reach_rows) is not None:
                 rows += [at] * len(spaces.bounds_m)
                 normals.append(spaces.normals)
-                reach = limb.reach_m + tilt * float(most_turned(limb.shoulder_m))
-                room = tilt * most_turned(spaces.normals) * reach
-                room += bend * (float(length(limb.shoulder_m)) + reach)
+                out = bend * length(limb.shoulder_m) + tilt * most_turned(limb.shoulder_m)
+                room = tilt * most_turned(spaces.normals) * (limb.reach_m + out)
                 bounds.append(spaces.bounds_m + room)
         self.row = np.array(rows, dtype=np.intp)
         self.normals, self.bounds = np.concatenate(normals), np.concatenate(bounds)

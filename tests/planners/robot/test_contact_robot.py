@@ -53,19 +53,14 @@ def plan(folder: Path) -> Motion:
     return outcome.solution
 
 
-def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> None:
+def test_inner_sets_are_reached(folder: Path) -> None:
     model = named_robot(folder / "dog.urdf")
-    inner, outer = (contact_robot(model, sets=sets) for sets in ("inner", "outer"))
-    assert inner.limb_names == outer.limb_names == model.leg_names
-    assert inner.mass_kg == model.mass_kg
+    inner = contact_robot(model)
+    assert (inner.limb_names, inner.mass_kg) == (model.leg_names, model.mass_kg)
     rng = np.random.default_rng(0)
-    for leg, within, around in zip(model.legs, inner.limbs, outer.limbs, strict=True):
+    for leg, within in zip(model.legs, inner.limbs, strict=True):
         away = rng.normal(size=(20_000, 3))
         away /= np.linalg.norm(away, axis=1, keepdims=True)
-        toes = leg.chain.feet(leg.random_angles(20_000, rng)) + leg.radius_m * away - model.com_m
-        assert np.all(np.linalg.norm(toes - around.shoulder_m, axis=1) <= around.reach_m)
-        assert around.reach_rows is not None
-        assert np.all(toes @ around.reach_rows.normals.T <= around.reach_rows.bounds_m)
         workspace = workspaces_of(model)[model.leg_names.index(leg.name)]
         points = workspace.inner.sample(20_000, rng) - model.com_m
         assert within.reach_rows is not None

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from stancekit.planners.equilibrium.half_spaces import HalfSpaces
 from stancekit.planners.robot.outer_sets import (
     OuterSets,
-    directions_of,
-    foot_cloud,
     outer_sets,
     outward_m,
 )
-from stancekit.planners.robot.reach_sets import contains_all, limbs_over
+from stancekit.planners.robot.reach_sets import contains_all
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.robot.urdf_reader import pinocchio
+from stancekit.planners.robot.walker import contact_robot
 from tests.planners.robot.made_robots import LEGS, MIDDLE, quadruped
 
 pytest.importorskip("pinocchio")
@@ -29,6 +30,7 @@ ROBOTS = {
     "an arm": quadruped(trunk=4.0, extra=ARM),
     "six legs": quadruped(trunk=3.0, legs={**LEGS, **MIDDLE}),
     "free hips": quadruped(trunk=2.0, joints="continuous"),
+    "long": quadruped(trunk=30.0, legs={name: (8.0 * x, y) for name, (x, y) in LEGS.items()}),
 }
 
 
@@ -81,22 +83,24 @@ def test_every_posture_of_the_whole_robot_is_within_its_outer_sets(robot: RobotM
     assert out.max() <= outward_m(robot) + 1e-9
 
 
-def test_sets_about_the_standing_centre_do_not_hold_a_robot_whose_legs_are_heavy() -> None:
-    robot = model_of(ROBOTS["heavy legs"], where="heavy legs")
-    feet, centres = postures(robot, 1500)
-    away, normals = feet - centres[:, None] + robot.com_m, directions_of()
-    held = [
-        np.all(away[:, i] @ normals.T <= foot_cloud(leg).supports(normals))
-        for i, leg in enumerate(robot.legs)
-    ]
-    assert not np.all(held)
-
-
-def test_limbs_over_outer_sets_reach_all_that_the_legs_reach(robot: RobotModel) -> None:
-    from stancekit.planners.robot.walker import contact_robot
-
-    assert contains_all(contact_robot(robot, sets="outer"))
-    for limb in limbs_over(robot, "outer"):
-        assert limb.reach_rows is not None
+@pytest.mark.parametrize("tilt_rad", [0.02, 0.2618, 0.5])
+def test_toes_of_bodies_that_are_truly_turned_are_within_the_limits_of_a_problem(
+    robot: RobotModel, tilt_rad: float
+) -> None:
+    outer = contact_robot(robot, sets="outer", tilt_rad=tilt_rad)
+    assert contains_all(outer, tilt_rad)
+    assert not contains_all(outer, tilt_rad + 0.05)
     if all(len(leg.joints) >= 3 for leg in robot.legs):
-        assert not contains_all(contact_robot(robot))
+        assert not contains_all(contact_robot(robot), tilt_rad)
+    (feet, centres), rng = postures(robot, 500), np.random.default_rng(1)
+    for i, limb in enumerate(outer.limbs):
+        away = np.repeat(feet[:, i] - centres, 8, axis=0)
+        out = rng.normal(size=away.shape)
+        out *= robot.legs[i].radius_m / np.linalg.norm(out, axis=1, keepdims=True)
+        turns = tilt_rad * rng.choice([-1.0, 1.0, 0.3], away.shape)
+        toes = Rotation.from_rotvec(turns).apply(away) + out
+        shoulders = limb.shoulder_m + np.cross(turns, limb.shoulder_m)
+        assert np.linalg.norm(toes - shoulders, axis=1).max() <= limb.reach_m
+        spaces = HalfSpaces.of([limb], 1.0, tilt_rad)
+        along, out_of = toes @ spaces.normals.T, spaces.outer_bounds - turns @ spaces.outer_levers.T
+        assert np.all(along <= out_of)

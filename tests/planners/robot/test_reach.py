@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from stancekit.planners.equilibrium.half_spaces import HalfSpaces
 from stancekit.planners.files.codec import from_json, to_json
@@ -88,6 +89,7 @@ def test_the_inner_set_is_in_the_true_one_and_that_in_the_outer_one(tilt):
             inner = (spaces.normals @ d + spaces.levers @ turn + across - spaces.bounds).max()
             outer = (spaces.normals @ d + spaces.outer_levers @ turn - spaces.outer_bounds).max()
             assert outer - 1e-12 <= true <= inner + 1e-12
+            assert outer - 1e-12 <= (normals @ Rotation.from_rotvec(-turn).apply(d) - bounds).max()
             assert tilt > 0.0 or outer == pytest.approx(inner, abs=1e-12)
             inside, between = inside + (inner <= 0.0), between + (outer <= 0.0 < true)
     assert inside > 500

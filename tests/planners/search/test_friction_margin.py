@@ -117,22 +117,23 @@ def test_a_deadline_is_for_all_shares_too_and_nothing_is_set_on_planners_that_ca
         def solve(self, course: Problem) -> Answer[Motion]:
             self.asked.append(float(course.terrain[0].friction))
             now[0] += 4.0
-            return Answer(status=Status.UNDECIDED, method=self.name)
+            return Answer(status=Status.INFEASIBLE, method=self.name)
 
     monkeypatch.setattr(
         "stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0]
     )
     course, planner = walk().problem, Foreign()
     friction = float(course.terrain[0].friction)
-    assert plan_with_reserve(planner, course, deadline=107.0).status is Status.UNDECIDED
+    assert plan_with_reserve(planner, course, deadline=107.0).status is Status.INFEASIBLE
     assert planner.asked == [
         pytest.approx(0.8 * friction),
         friction,
     ]  # 0.9 would begin in the last share's time
     late = plan_with_reserve(planner, course, deadline=107.0)
-    assert late.status is Status.UNDECIDED
+    assert (late.status, len(planner.asked)) == (Status.UNDECIDED, 2)
     assert_names(late.message, "time limit")
-    assert len(planner.asked) == 2
+    less = plan_with_reserve(planner, course, deadline=now[0] + 3.0)  # of less friction alone
+    assert (less.status, len(planner.asked)) == (Status.UNDECIDED, 3)
 
 
 def test_a_push_that_nothing_depends_on_is_looked_for_no_longer_than_the_plan_took(
