@@ -102,7 +102,9 @@ def decided(model: RobotModel, natural: int) -> dict[str, int]:
     neither (open).
     """
     planner, count = Exact(time_limit_s=LIMIT_S), {"yes": 0, "no": 0, "open": 0}
-    inner, outer = (contact_robot(model, sets=sets) for sets in ("inner", "outer"))
+    inner, outer = (
+        contact_robot(model, None, sets, Problem.tilt_limit_rad) for sets in ("inner", "outer")
+    )
     for seed in range(natural):
         within, around = (
             natural_posture(model, each, np.random.default_rng(seed)) for each in (inner, outer)
