@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3067, 42420),
     "learners": (5210, 76667),
-    "planners": (34907, 576231),
+    "planners": (34901, 576226),
     "runner": (6509, 89532),
     "views": (4297, 68689),
 }

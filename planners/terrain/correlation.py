@@ -255,11 +255,11 @@ def sums_off(labels: Labels, cells: GroundCells, planes: Array | None = None) ->
     return np.stack([one, z - a * x - b * y - c * one])
 
 
-def residuals(labels: Labels, cells: GroundCells) -> Array:
+def residuals(labels: Labels, cells: GroundCells, planes: Array | None = None) -> Array:
     """Mean distance of each cell's samples above the plane of its surface, 0 where there are none,
-    shape (n, m) [m].
+    shape (n, m) [m]; of planes that are fitted if missing, shape (S, 3).
     """
-    one, off = sums_off(labels, cells)
+    one, off = sums_off(labels, cells, planes)
     return np.asarray(off / np.where(one > 0.0, one, 1.0))
 
 

@@ -112,16 +112,17 @@ def certainties(
     return result
 
 
-def roughnesses(labels: Labels, cells: GroundCells, margin_m: float) -> Sequence[Certainty | None]:
+def roughnesses(
+    labels: Labels, cells: GroundCells, margin_m: float, planes: Array, rms: Array
+) -> Sequence[Certainty | None]:
     """The certainty of each surface of exact heights: how far they are off its plane; None where
     that is nothing to a foot.
+
+    Arguments:
+        planes, rms: of each surface, as ``fitted`` gives them.
     """
-    planes, rms, _ = fitted(labels, cells)
-    if not len(planes):
-        return []
-    own = labels >= 0
-    largest = np.zeros(len(planes))
-    np.maximum.at(largest, labels[own], np.abs(residuals(labels, cells))[own])
+    own, largest = labels >= 0, np.zeros(len(planes))
+    np.maximum.at(largest, labels[own], np.abs(residuals(labels, cells, planes))[own])
     return [
         None
         if largest[k] <= LEVEL_M

@@ -138,25 +138,21 @@ def _planes_of(
     if rungs:
         known = known & ~barred
         labels = renumbered(np.where(barred, -1, labels))
-    most_rms = float(np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0))
     planes, rms, count = fitted(labels, cells)
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     area_m2 = np.bincount(labels[labels >= 0], minlength=len(planes)) * (spacing**2 / normal_z)
-    flattest = (
-        most_rms * _slack(count) if noisy else np.full(len(planes), _FLATTEST * limits.roughness_m)
-    )
+    most = np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0) * _slack(count)
+    strips = rms <= (most if noisy else _FLATTEST * limits.roughness_m)
     within = _inner_rms(labels, cells, rms) if cells.sparse else rms
-    level, flat = normal_z >= np.cos(limits.slope_rad), within <= most_rms * _slack(count)
+    level, flat = normal_z >= np.cos(limits.slope_rad), within <= most
     refused = dict.fromkeys(REASONS, 0.0)
     free = labels < 0
     narrow = _narrow(heights, known & free, np.hypot(limits.roughness_m, noise_m))
     rise = np.hypot(*np.gradient(np.where(known, heights, np.nan), spacing))
     steep = narrow & (rise > np.tan(limits.slope_rad))
-    narrow &= ~steep
-    free &= ~steep
-    steep_m2 = spacing**2 * np.hypot(1.0, rise[steep]).sum()
-    refused["steep"] = float(area_m2[flat & ~level].sum() + steep_m2)
-    refused["small"] = float(spacing**2 * narrow.sum())
+    steep_m2 = spacing**2 * np.hypot(1.0, rise[steep])
+    refused["steep"] = float(area_m2[flat & ~level].sum() + steep_m2.sum())
+    refused["small"] = float(spacing**2 * (narrow & ~steep).sum())
     refused["rough"] = float(spacing**2 * (known & free & ~narrow).sum() + area_m2[~flat].sum())
     refused["hole"] = float(spacing**2 * (~known & ~barred & free).sum())
     if noisy:
@@ -165,41 +161,42 @@ def _planes_of(
         sure = certainties(labels, cells, noise_m, limits.inset_m, shape_m, looked=looked)
         excess_m2 = excess_squares(labels, cells, noise_m, looked=looked)
     else:
-        sure, excess_m2 = roughnesses(labels, cells, limits.inset_m), np.zeros(0)
+        sure = roughnesses(labels, cells, limits.inset_m, planes, rms)
     counted = cells.moments[0] if terrain.samples is None or cells.sparse else terrain.samples
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     padded = np.pad(labels, 1, constant_values=-1)
-    for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
-        if where is None or not (flat[number] and level[number]):
+    for number, where in enumerate(find_objects(labels + 1)):
+        if not (flat[number] and level[number]):
             continue
         a, b, c = planes[number]
         normal = normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
         plane = Plane.through(cells.corner_m + np.array([0.0, 0.0, c]), normal)
-        simple, whole_shape = _outline(padded, number, where)
+        simple, whole = _outline(padded, number, where)
         outline = _on_plane(simple, plane, spacing)
         samples = round(float(counted[where][labels[where] == number].sum()) / cells.weight)
+        kept = sure[number]  # of its inset, the outline keeps half a cell
         facet = FlatPiece(
             plane=plane,
             polygon=outline,
             triangles=np.arange(samples),
             rms_m=float(rms[number]),
-            certainty=sure[number],
+            certainty=kept,
         )
-        kept = facet.certainty  # of it, the outline keeps half a cell
         margin_m = None if kept is None else kept.inset_m - 0.5 * spacing
-        narrow_too = bool(rms[number] <= flattest[number])
         standing = standing_pieces(
-            facet, outline, number, limits, friction, refused, margin_m, narrow_too
+            facet, outline, number, limits, friction, refused, margin_m, bool(strips[number])
         )
         if noisy:
             standing = with_local(standing, labels, cells, excess_m2)
-        elif facet.certainty is not None:
+        elif kept is not None:
             standing = with_largest(standing, labels, cells, planes[number])
         pieces += standing
-        wider, whole = _widest(facet.certainty, cells, limits, noisy)
-        outer = whole_shape.buffer(wider, join_style="mitre").simplify(_STRAIGHT)
+        row = where[0].start
+        own = row, np.argmax(labels[row] == number)
+        wider, widest = _widest(kept, cells, limits, noisy, own)
+        outer = whole.buffer(wider, join_style="mitre").simplify(_STRAIGHT)
         around = replace(facet, polygon=_on_plane(outer, plane, spacing))
-        surfaces += [each.with_certainty(whole) for each in around.patches(SMALLEST_M, friction)]
+        surfaces += [each.with_certainty(widest) for each in around.patches(SMALLEST_M, friction)]
         refused["edge"] += max(float(area_m2[number]) - outline.area, 0.0)
     for number, rung in enumerate(rungs, len(planes)):
         lines = rung.pieces(number, limits, friction)
@@ -238,19 +235,20 @@ def _widest(
     cells: GroundCells,
     limits: FootholdLimits,
     noisy: bool,
+    own: tuple[int, Any],
 ) -> tuple[float, Certainty]:
     """How far out of its cells a surface may be, in cells, and how surely: bodies keep out of all
     that it may be, and of exact heights an edge is anywhere between two.
+
+    Arguments:
+        own: a cell of the surface, by which an exact one is told from others of its plane.
     """
-    spacing_m = cells.spacing_m
-    if certainty is None:
-        return 0.5, Certainty(
-            about_m=cells.corner_m[:2], covariance=np.zeros((3, 3)), wider_m=spacing_m
-        )
-    if not noisy:
-        return 0.5, replace(certainty, wider_m=spacing_m)
-    wider = (certainty.inset_m - limits.inset_m) / spacing_m + _STRAIGHT
-    return wider, replace(certainty, wider_m=wider * spacing_m)
+    if certainty is not None and noisy:
+        wider = (certainty.inset_m - limits.inset_m) / cells.spacing_m + _STRAIGHT
+        return wider, replace(certainty, wider_m=wider * cells.spacing_m)
+    about = cells.corner_m[:2] + cells.spacing_m * np.array(own)
+    known = certainty or Certainty(about_m=about, covariance=np.zeros((3, 3)))
+    return 0.5, replace(known, about_m=about, wider_m=cells.spacing_m)
 
 
 def _inner_rms(labels: Labels, cells: GroundCells, rms: Array) -> Array:

@@ -364,7 +364,7 @@ def _misfits(
     large = count >= 2 * _FEWEST
     exact = noise_m < QUIET * limits.roughness_m
     if exact:
-        far = (labels >= 0) & (np.abs(residuals(labels, cells)) > limits.roughness_m)
+        far = (labels >= 0) & (np.abs(residuals(labels, cells, planes)) > limits.roughness_m)
         bent |= np.bincount(labels[far], minlength=len(rms)) > _SPIKES * count
     return bent & large, exact & large & (rms > QUIET * limits.roughness_m), rms
 

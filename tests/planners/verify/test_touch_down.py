@@ -130,20 +130,31 @@ def test_exact_maps_carry_toes_up_to_their_samples_and_bodies_keep_out_of_half_a
     half_m = 0.5 * spacing_m * (heights.shape[1] - 1)
     found = stancekit.terrain(stancekit.HeightField.from_array(heights, spacing_m=spacing_m))
     plan = stancekit.plan(found, start=[-0.2, 0.0], goal=[0.1, 0.0]).solution
-    last = plan.toes_m[-1]
     for out_m, verdict in ((-0.002, "holds"), (0.003, "violated")):
-        place = np.array([last[0], half_m + out_m, last[2]])
-        moved = of_another_hand(plan, place, half_m=0.001)
-        assert check_plan(moved).group("terrain").verdict == verdict
+        place = plan.toes_m[-1] * [1.0, 0.0, 1.0] + [0.0, half_m + out_m, 0.0]
+        report = check_plan(of_another_hand(plan, place, half_m=0.001))
+        assert report.group("terrain").verdict == verdict
 
 
 def test_a_block_in_a_maps_corner_ends_where_it_ends():
     x, heights = 0.02 * np.arange(50), np.zeros((50, 50))
     heights[:20, :20] = 0.1  # the ground's box of cells has the same corner
-    terrain = ElevationMap(x_m=x, y_m=x, heights_m=heights, name="block")
-    found = footholds_of(terrain, FootholdLimits(margin_m=0.012, width_m=0.012))
+    found = footholds_of(
+        ElevationMap(x_m=x, y_m=x, heights_m=heights, name="block"),
+        FootholdLimits(margin_m=0.012, width_m=0.012),
+    )
     tops = [piece.patch for piece in found.pieces if piece.patch.vertices_m[:, 2].min() > 0.09]
-    edge = x[19]
-    toes = np.array([[edge + out, 0.25, 0.1] for out in (-0.001, 0.005, 0.02)])
-    off = off_terrain(found.surfaces, tops[:1] * 3, toes)
-    assert off == pytest.approx([0.0, 0.005, 0.02], abs=1e-6)
+    toes = np.array([[x[19] + out, 0.25, 0.1] for out in (-0.001, 0.005, 0.02)])
+    assert off_terrain(found.surfaces, tops[:1] * 3, toes) == pytest.approx(
+        [0.0, 0.005, 0.02], abs=1e-6
+    )
+
+
+@pytest.mark.parametrize("bottom_m", [-0.5, np.nan], ids=["trench", "hole"])
+def test_nothing_carries_a_toe_between_two_surfaces_of_one_plane(bottom_m):
+    x = 0.05 * np.arange(-16, 17)
+    heights = np.where((x == 0.0)[:, None], bottom_m, np.zeros((33, 33)))
+    found = footholds_of(ElevationMap(x_m=x, y_m=x, heights_m=heights, name="two sheets"))
+    toes = np.outer((-0.05, -0.03, 0.0, 0.05), (1.0, 0.0, 0.0))
+    off = off_terrain(found.surfaces, [found.pieces[0].patch] * 4, toes)
+    assert off == pytest.approx([0.0, 0.02, 0.05, 0.0], abs=1e-6)
