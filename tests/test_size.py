@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5208, 76647),
-    "planners": (34913, 576063),
+    "planners": (34913, 576072),
     "runner": (6509, 89532),
     "views": (4297, 68689),
 }

@@ -96,7 +96,7 @@ class MovingBody:
         origin = com_m - rotation @ body_m
         if near is not None:
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))
-        for done in range(rounds or _ROUNDS):
+        for done in range(rounds or 5 * _WALK_ROUNDS):
             standing = origin + rotation @ body_m
             feet = centres_of(self.model, standing, rotation, toes_m, normals)
             if steps and angles is not None:

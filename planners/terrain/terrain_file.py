@@ -293,14 +293,12 @@ def read_heights(
         terrain = read_terrain(path, options, name=name)
     if isinstance(terrain, TriangleMesh):
         terrain = terrain.from_above(options.spacing_m).with_holes(options.holes)
-    field = terrain.field()
-    smoothed = (
-        field.smoothed(smooth_m)
-        if checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M)
-        else field
+    smooths = checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M) > 0.0
+    field = replace(
+        terrain.field().smoothed(smooth_m) if smooths else terrain.field(), doubts=tuple(heard)
     )
-    _check_held(smoothed, checked(tolerance_m, "tolerance_m", above=0.0))
-    return replace(smoothed, doubts=tuple(heard))
+    _check_held(field, checked(tolerance_m, "tolerance_m", above=0.0))
+    return field
 
 
 def _surface(path: Path, most_triangles: int, hint: str = "simplify it") -> Surface:
