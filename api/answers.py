@@ -24,14 +24,15 @@ from stancekit import (
     Status,
 )
 from stancekit.planners.answer.motion import Evidence
-from stancekit.planners.arguments import checked
+from stancekit.planners.arguments import checked, settings_from
 from stancekit.planners.files.arrays import checked as checked_number
+from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.verify import Explanation, explain as explain_proof
 from stancekit.planners.verify.judge import TOLERANCE, judge
 from stancekit.planners.verify.margins import stances_of
 from stancekit.planners.verify.stance_margin import Margins, places, pushes, stances_from
 
-from .checks import check_file, check_rows
+from .checks import check_file, check_rows, check_unused
 
 E = TypeVar("E", bound=Evidence)
 
@@ -105,6 +106,7 @@ def verify(
     terrain: str | Path | None = None,
     explain: bool = False,
     margins: bool = False,
+    **meaning: object,
 ) -> FileCheck | RecheckReport: ...
 @checked
 def verify(
@@ -116,6 +118,7 @@ def verify(
     terrain: str | Path | None = None,
     explain: bool = False,
     margins: bool = False,
+    **meaning: object,
 ) -> Report[Any] | RecheckReport | FileCheck:
     """Check an answer anew, by code that knows the problem and nothing of how the answer was made,
     without a solver.
@@ -136,6 +139,8 @@ def verify(
         explain: of a proof's file, say what would have to give; of a contact sequence's, look for
             the nearest that holds.
         margins: measure what every stance of a plan bears beyond its weight, and say the least.
+        meaning: fields of ``ImportOptions`` that say what the numbers of the terrain's file mean,
+            as for ``terrain``.
 
     Returns:
         A report: ``accepted``, and what is violated, where and by how much; of a file a
@@ -153,14 +158,16 @@ def verify(
         >>> stancekit.verify(stancekit.solve(problem).solution).accepted
         True
     """
+    options = settings_from(
+        ImportOptions,
+        meaning,
+        beside=("subject", "tolerance", "robot", "course", "terrain", "explain", "margins"),
+    )
     if isinstance(subject, str | Path) and os.path.isfile(subject):
         of_file: Any = {"robot": robot, "course": course, "terrain": terrain, "why": explain}
-        of_file["margins"] = margins
+        of_file |= {"margins": margins, "options": options}
         return check_file(subject, tolerance=tolerance, **of_file)
-    options = {"robot": robot, "course": course, "terrain": terrain, "explain": explain or None}
-    for name, value in options.items():
-        if value is not None:
-            raise InvalidInput(f"{name}: expected a plan's or a gait's file with it, got {value}")
+    check_unused("no file", robot=robot, course=course, terrain=terrain, explain=explain, **meaning)
     evidence = _evidence(subject) if isinstance(subject, Answer) else subject
     if isinstance(problem := getattr(evidence, "problem", None), Problem):
         problem.check_whole()

@@ -7,6 +7,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +19,7 @@ from stancekit.planners.answer.report import or_null
 from stancekit.planners.errors import located
 from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json, shown
+from stancekit.planners.terrain.import_options import ImportOptions, check_unasked, doubt, doubts
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.verify import check_certificate, check_plan, explain
 from stancekit.planners.verify.judge import TOLERANCE
@@ -30,9 +32,13 @@ _LIMIT_S = 60.0
 _FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 _HELD_M = 1e-3
-"""Heights describe a mesh whose corners are all so near to them [m]."""
+"""Heights describe a mesh that is everywhere so near to them [m]."""
+_ON_TRIANGLES = np.array([*np.eye(3), *(0.5 - 0.5 * np.eye(3)), np.full(3, 1.0 / 3.0)])
+_ON_TRIANGLES.setflags(write=False)
+"""Where that is looked at: corners, middles of edges, and the middle, as shares of the corners."""
 _MANY = 5_000
-"""Triangles whose surfaces take minutes to find, and to judge by."""
+"""Triangles whose surfaces take minutes to find, and to judge by: more are judged by their heights,
+and what asks where the ground is holds by none that are off it."""
 _TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
@@ -53,6 +59,7 @@ def check_file(
     robot: str | Path | None = None,
     course: str | None = None,
     terrain: str | Path | None = None,
+    options: ImportOptions = ImportOptions(),
     why: bool = False,
     exact: bool = False,
     margins: bool = False,
@@ -65,6 +72,7 @@ def check_file(
         robot: name or file of the robot that a plan or a walk must be for.
         course: course that a plan must be for, as ``plan`` takes it.
         terrain: terrain of a motion, see ``_check_motion``.
+        options: what the numbers of the terrain's file mean.
         why: ask for a reason, which only proofs have.
         exact: replay a proof in exact arithmetic, too.
         margins: measure what the stances of a plan bear beyond its weight.
@@ -74,31 +82,19 @@ def check_file(
     """
     from stancekit.planners.formats import motion_file
     from stancekit.planners.formats.table_file import is_table
+    from stancekit.planners.problem.sequence import is_sequence  # and courses with it
 
-    name = str(path)
-    if margins and Path(path).suffix != ".json":
-        raise InvalidInput(f"margins: expected the file of a plan with them, got {name}")
     data = read_json(path) if Path(path).suffix == ".json" else None
-    if data is None:
-        from stancekit.planners.problem.sequence import is_sequence  # and courses with it
-
-        if is_sequence(path):
-            if exact or course is not None or tolerance != TOLERANCE:
-                raise InvalidInput(
-                    f"{name}: expected no course, exact or tolerance with a sequence"
-                )
-            return _check_sequence(Path(path), robot, terrain, why)
+    limited = tolerance != TOLERANCE
+    if terrain is None or Path(terrain).suffix == ".json":
+        check_unasked(options, str(terrain or path))
+    if data is None and is_sequence(path):
+        check_unused("a sequence", tolerance=limited, course=course, exact=exact, margins=margins)
+        return _check_sequence(Path(path), robot, terrain, options, why)
     if is_table(path, data):
-        if why or exact:
-            option = "explain" if why else "exact"
-            raise InvalidInput(f"{option}: expected a proof with it, got the motion {name}")
-        if tolerance != TOLERANCE:
-            raise InvalidInput(
-                "tolerance: expected none with a motion, whose groups have limits of their own"
-            )
-        return _check_motion(Path(path), robot, course, terrain)
-    if terrain is not None:
-        raise InvalidInput(f"terrain: expected a motion with it, got {name}")
+        check_unused("a motion", tolerance=limited, explain=why, exact=exact, margins=margins)
+        return _check_motion(Path(path), robot, course, terrain, options)
+    check_unused("what is no motion", terrain=terrain)
     if not motion_file.is_evidence(data):
         wanted = (
             "expected a data set folder, a motion or a proof; beside posture problems, the file of "
@@ -106,12 +102,12 @@ def check_file(
         )
         if isinstance(data, dict):
             wanted += f", got format {shown(data.get('format'))}"
-        raise InvalidInput(f"{name}: {wanted}")
+        raise InvalidInput(f"{path}: {wanted}")
     who = None if robot is None else str(robot)
     return motion_file.check_file(
         path,
         data=data,
-        tolerance=None if tolerance == TOLERANCE else tolerance,
+        tolerance=tolerance if limited else None,
         robot=who,
         course=None if course is None else _course(course, who),
         why=why,
@@ -120,8 +116,19 @@ def check_file(
     )
 
 
+def check_unused(of: str, **given: object) -> None:
+    """Raise InvalidInput for an option that was given, and that such a file has no use for."""
+    for option, value in given.items():
+        if value:
+            raise InvalidInput(f"{option}: expected none with {of}, got it")
+
+
 def _check_motion(
-    path: Path, robot: str | Path | None, course: str | None, terrain: str | Path | None
+    path: Path,
+    robot: str | Path | None,
+    course: str | None,
+    terrain: str | Path | None,
+    options: ImportOptions,
 ) -> FileCheck:
     """Check a motion from elsewhere, see ``check_file``.
 
@@ -130,6 +137,7 @@ def _check_motion(
             are taken.
         course: course, as ``plan`` takes it, whose patches are the terrain, and whose robot is
             taken if no other is given.
+        options: of a file of heights.
     """
     from stancekit.planners.formats import motion_file
     from stancekit.planners.formats.motion_file import FileCheck
@@ -147,20 +155,23 @@ def _check_motion(
     who = None if robot is None else _legged(robot)
     gravity_m_s2 = GRAVITY_M_S2
     ground: Sequence[Patch] | Ground
-    if course is not None:
-        from stancekit.planners.problem.course_file import read_course
+    with doubts() as heard:
+        if course is not None:
+            from stancekit.planners.problem.course_file import read_course
 
-        problem = read_course(
-            course,
-            None,
-            None if robot is None or Path(course).suffix in (".json", ".jsonl") else str(robot),
-        )
-        ground, gravity_m_s2, who = problem.terrain, problem.gravity_m_s2, who or problem.robot
-    elif Path(str(terrain)).suffix == ".json":
-        robot_of_scene, _, ground, gravity_m_s2 = scene_of(motion_file.read_motion(str(terrain))[0])
-        who = who or robot_of_scene
-    else:
-        ground = _ground(str(terrain))
+            problem = read_course(
+                course,
+                None,
+                None if robot is None or Path(course).suffix in (".json", ".jsonl") else str(robot),
+            )
+            ground, gravity_m_s2, who = problem.terrain, problem.gravity_m_s2, who or problem.robot
+        elif Path(str(terrain)).suffix == ".json":
+            robot_of_scene, _, ground, gravity_m_s2 = scene_of(
+                motion_file.read_motion(str(terrain))[0]
+            )
+            who = who or robot_of_scene
+        else:
+            ground = _ground(str(terrain), options)
     if who is None:
         raise InvalidInput(f"robot: expected who moves in {path}, got none")
     if not isinstance(ground, Ground) and not ground:
@@ -168,10 +179,11 @@ def _check_motion(
     table = read_keys(path) if path.suffix == ".xml" else read_table(path)
     with located(str(path)):
         report = check_motion(table, who, ground, gravity_m_s2=gravity_m_s2)
+    report = replace(report, more_doubts=tuple(heard))
     return FileCheck(path=str(path), kind="motion", report=report, message=report.message)
 
 
-def _ground(name: str) -> Sequence[Patch] | Ground:
+def _ground(name: str, options: ImportOptions) -> Sequence[Patch] | Ground:
     """Heights by name or file; the surfaces of a mesh that heights do not describe, as one with
     steps, holes, or sides that run along no axis, unless it has more than ``_MANY`` triangles.
     """
@@ -180,24 +192,35 @@ def _ground(name: str) -> Sequence[Patch] | Ground:
     from stancekit.planners.terrain.terrain_file import read_terrain
     from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
-    mesh = None if names_ground(name) or not Path(name).is_file() else read_terrain(name)
+    mesh = None if names_ground(name) or not Path(name).is_file() else read_terrain(name, options)
     if not isinstance(mesh, TriangleMesh):
-        return Ground(heights=named_terrain(name), friction=_FRICTION)
+        return Ground(heights=named_terrain(name, options), friction=_FRICTION)
     with suppress(InvalidInput):  # of holes, and of what is too steep for a spline
-        heights = named_terrain(name)
-        off_m = np.abs(heights.height(mesh.corners_m[:, :2]) - mesh.corners_m[:, 2]).max()
-        if off_m < _HELD_M or len(mesh.triangles) > _MANY:
+        points, many = _ON_TRIANGLES @ mesh.spread_m, len(mesh.triangles) > _MANY
+        heights = named_terrain(name, options)
+        off_m = points[..., 2] - heights.height(points[..., :2])
+        if (off_m if many else np.abs(off_m)).max() < _HELD_M:  # of many some are hidden below
             return Ground(heights=heights, friction=_FRICTION)
+        if many:
+            said = doubt(
+                f"{name}: more than {_MANY} triangles, judged by heights that are up to "
+                f"{1e3 * off_m.max():.3g} mm below them"
+            )
+            return Ground(heights=heights, friction=_FRICTION, doubt=said)
     return footholds_of(mesh, friction=_FRICTION, none=True).surfaces
 
 
 def _check_sequence(
-    path: Path, robot: str | Path | None, terrain: str | Path | None, why: bool
+    path: Path,
+    robot: str | Path | None,
+    terrain: str | Path | None,
+    options: ImportOptions,
+    why: bool,
 ) -> FileCheck:
     """Complete a contact sequence from elsewhere, or say what is wrong with it, see ``check_file``.
 
     Arguments:
-        terrain: under its feet; None for the ground that the rows speak of.
+        terrain, options: under its feet; None for the ground that the rows speak of.
         why: look for the nearest sequence that holds, too.
     """
     from stancekit.planners.formats.motion_file import FileCheck
@@ -207,10 +230,11 @@ def _check_sequence(
     from stancekit.planners.search.doctor import diagnosed
 
     rows, who = read_sequence(path), robot_of("hexapod" if robot is None else robot)
-    over = None if terrain is None else FileTerrain.of(footholds_for(who, terrain))
-    ground = None if over is None else over.along(np.zeros((1, 3)), Path())
+    found = None if terrain is None else footholds_for(who, terrain, options=options)
+    ground = None if found is None else FileTerrain.of(found).along(np.zeros((1, 3)), Path())
     with located(str(path)):
         report = diagnosed(rows, who, ground, mend=why, deadline=time.perf_counter() + _LIMIT_S)
+    report = replace(report, more_doubts=() if found is None else found.doubts)
     message = "; ".join(filter(None, (report.message, report.remark)))
     return FileCheck(path=str(path), kind="sequence", report=report, message=message)
 
@@ -247,10 +271,7 @@ def check_rows(
 
     if isinstance(source, str | Path):
         check_there(source)
-    for name, value in (("explain", why), ("tolerance", tolerance != TOLERANCE)):
-        if value:
-            wanted = "expected a file of answers with it, got a data set, which has its own plan"
-            raise InvalidInput(f"{name}: {wanted}")
+    check_unused("a data set", explain=why, tolerance=tolerance != TOLERANCE)
     rows = open_rows(source) if isinstance(source, str | Path) else source
     return recheck_leaps(rows) if isinstance(rows, LeapTries) else recheck(rows)
 

@@ -28,7 +28,7 @@ from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Method, Planner, PlanSettings
 from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import LayOut, firmest, plan_course
-from stancekit.planners.terrain.import_options import SUFFIXES
+from stancekit.planners.terrain.import_options import SUFFIXES, doubts
 from stancekit.planners.verify.margins import with_margins
 
 if TYPE_CHECKING:
@@ -147,10 +147,12 @@ def plan(
         )
     planner = _planner(method, time_limit_s)
     try:
-        question = _question(course, frames, robot, start, goal, settings.standing)
-        answer: Answer[Any] = _answer(question, planner, settings, deadline, progress)
+        with doubts() as heard:
+            question = _question(course, frames, robot, start, goal, settings.standing)
+            answer: Answer[Any] = _answer(question, planner, settings, deadline, progress)
     except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
-        return unmet(error, planner.name, robot)
+        answer = unmet(error, planner.name, robot)
+    answer = replace(answer, more_doubts=tuple(dict.fromkeys((*answer.more_doubts, *heard))))
     if settings.margins and answer.report is not None and answer.report.answer.keyed:
         return replace(answer, report=with_margins(answer.report))
     return answer

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import tyro
 
+from stancekit.planners.answer.motion import doubts_of
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 
 from .console import as_options, complain, draw_to_file, emit, err, out, say, watching
@@ -89,7 +90,7 @@ def record(plan: Attempts, best: Attempted, terrain: str, written: Path | None) 
         "figures": dict(best.report.figures),
         "joints": joints(best),
         "cannot_run": list(best.trajectory.robot.unrunnable),
-        "doubts": list(best.trajectory.robot.doubts),
+        "doubts": list(best.trajectory.doubts),
         "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
         "failures": list(plan.failures),
     }
@@ -352,7 +353,7 @@ class PlanGait:
                     "verified": False,
                     "status": "undecided",
                     "message": message,
-                    "doubts": list(task.robot.doubts),
+                    "doubts": list(doubts_of(task)),
                     "failures": failures,
                 }
             )
@@ -496,7 +497,7 @@ class PlanGait:
             out.print(f"whole body: {', '.join(parts)}", highlight=False)
         say([best.report.remark] if best.solution.success else [])
         say(best.trajectory.robot.unrunnable, "cannot be run: {}")
-        say(best.trajectory.robot.doubts, "doubt: {}")
+        say(best.trajectory.doubts, "doubt: {}")
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

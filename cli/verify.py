@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +11,14 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, grid, out, say, tell, text_of
-from .options import OptionalPath, OptionalText
+from .options import (
+    OF_FILE,
+    FileMeaning,
+    OptionalPath,
+    OptionalText,
+    check_unused,
+    in_options,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -67,6 +74,10 @@ class Verify:
     """Heights under a motion from elsewhere, by name or file, or the file of a plan or a walk over
     the same ground; the ground of a contact sequence, by name or file, else the piece under every
     foot alone."""
+    file: Annotated[FileMeaning, *OF_FILE] = field(default_factory=FileMeaning)
+    """What the numbers of a terrain's file mean."""
+    spacing_m: float = 0.05
+    """Grid spacing of a terrain's file [m]."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least; look for the nearest
     contact sequence that holds."""
@@ -92,22 +103,12 @@ class Verify:
             raise InvalidInput(
                 f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}"
             )
-        wants = (
-            ("robot", "a plan's, a gait's or a motion's"),
-            ("course", "a plan's"),
-            ("terrain", "a motion's"),
-            ("exact", "a proof's"),
-            ("margins", "a plan's"),
-            ("out", "a contact sequence's"),
-            ("picture", "a contact sequence's"),
-        )
-        for option, wanted in wants:
-            if getattr(self, option) not in (None, False) and not (
-                self.answers is None and self.problems.is_file()
-            ):
-                raise InvalidInput(
-                    f"--{option}: expected {wanted} file with it, got something else"
-                )
+        if self.answers is not None or not self.problems.is_file():
+            check_unused(
+                self,
+                ("robot", "course", "terrain", "exact", "margins", "out", "picture"),
+                "what is no file of a plan, a proof or a motion",
+            )
         if self.answers is None:
             return self._file() if self.problems.is_file() else self._dataset()
         texts = [(text_of(file), str(file)) for file in (self.problems, self.answers)]
@@ -125,13 +126,17 @@ class Verify:
         """A plan of key frames, a proof or a gait trajectory: one verdict."""
         from stancekit.checks import check_file
 
-        with as_options("tolerance", "robot", "course", "terrain", "explain", "exact", "margins"):
+        with (
+            as_options("tolerance", "robot", "course", "terrain", "explain", "exact", "margins"),
+            in_options(),
+        ):
             check = check_file(
                 self.problems,
                 tolerance=self.tolerance,
                 robot=self.robot,
                 course=self.course,
                 terrain=self.terrain,
+                options=replace(self.file.asked(), spacing_m=self.spacing_m),
                 why=self.explain,
                 exact=self.exact,
                 margins=self.margins,
@@ -140,7 +145,7 @@ class Verify:
             emit(check.to_json())
         else:
             out.print(f"{self.problems}: {check.message}")
-            say(check.report.answer.doubts, "doubt: {}")
+            say(check.report.doubts, "doubt: {}")
             if check.kind == "sequence":
                 out.print(_stances(check.report))
             if check.kind == "motion":

@@ -424,6 +424,7 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
     def __init__(self, render_mode: str | None) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
         self._episode: Episode | None = None
+        self._ended = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -431,7 +432,7 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
         """Draw the next episode."""
         check_options(options)
         super().reset(seed=checked_seed(seed))
-        self._episode, info = self._begin()
+        (self._episode, info), self._ended = self._begin(), False
         if self.render_mode == "human":
             self.render()
         return self._observe(self._episode), info | self._terms.nothing
@@ -441,9 +442,10 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
     ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
         """Do as the action says, and judge it."""
         episode = self._now("the first step")
-        if self._is_over(episode):
+        if self._ended:
             raise gym.error.ResetNeeded("the episode is over: reset the environment")
         done = self._act(episode, action)
+        self._ended = done.terminated or done.truncated
         own = self._terms.of(done)
         if self.render_mode == "human":
             self.render()
@@ -504,10 +506,6 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
     @abstractmethod
     def _drawn(self, episode: Episode) -> Any:
         """A figure of it."""
-
-    def _is_over(self, episode: Episode) -> bool:
-        """Tell whether no action is taken any more."""
-        return False
 
 
 def flat(values: Any, room: float) -> NDArray[np.float32]:

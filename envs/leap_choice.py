@@ -336,9 +336,6 @@ class LeapChoiceEnv(TaskEnv[_Episode]):
     def _begun(self, leap: Leap) -> _Episode:
         return _Episode(leap, self._settings, self._programs, self._class.candidates)
 
-    def _is_over(self, episode: _Episode) -> bool:
-        return episode.over
-
     def _act(self, episode: _Episode, action: NDArray[np.int64]) -> Step:
         """Try a candidate per foothold."""
         before = episode.solves

@@ -184,7 +184,8 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
                     f"{scene.scaled.size}"
                 )
             begun = self._begun(scene)
-            if not self._is_over(begun):
+            search = begun.search
+            if search.verdict is Status.UNDECIDED and search.solves < self._budget:
                 return begun, self._info(begun)
         raise PlanningFailed(f"no scene in {MAX_DRAWS} draws that its first box leaves open")
 
@@ -198,10 +199,6 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
             acceptance=self._acceptance,
         )
         return _Refined(scene, search)
-
-    def _is_over(self, episode: _Refined) -> bool:
-        search = episode.search
-        return search.verdict is not Status.UNDECIDED or search.solves >= self._budget
 
     def _act(self, episode: _Refined, action: np.int64) -> Step:
         """Halve the current box in this dimension."""

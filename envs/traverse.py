@@ -160,7 +160,9 @@ def _course_source(
     if not specs:
         raise InvalidInput("courses: expected one or more, got none")
     most = max(spec.candidates.most for spec in specs)
-    features = _features(settings, limbs=max(_limbs(spec) for spec in specs), regions=most)
+    features = _features(
+        settings, limbs=max(len(spec.make_robot().limbs) for spec in specs), regions=most
+    )
     return Perturbed(specs=tuple(specs), amount=settings.amount), features
 
 
@@ -234,10 +236,6 @@ def _spec(
         )
         spec = spec.model_copy(update={"terrain": terrain_file})
     return spec
-
-
-def _limbs(spec: CourseSpec) -> int:
-    return len(spec.make_robot().limbs)
 
 
 def _offered_planners(envelopes: Sequence[_Boxes] | None, programs: Programs) -> Sequence[Planner]:
@@ -462,7 +460,6 @@ class TraverseEnv(TaskEnv[Problem]):
         self._margins = bool(settings.margins)
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
-        self._over = True
         self.observation_space = boxes(self._features.bounds())
         self.action_space = spaces.Discrete(len(self._planners))
         if self._terms.by_key:
@@ -486,12 +483,9 @@ class TraverseEnv(TaskEnv[Problem]):
                 )
             plan = replan(None, course, horizon=0, planner=self._start).solution
             if plan is not None:
-                self._walked, self._frame, self._vain, self._over = [plan], 0, 0, False
+                self._walked, self._frame, self._vain = [plan], 0, 0
                 return course, self._info(course, _Try())
         raise PlanningFailed(f"no course in {MAX_DRAWS} draws whose first key frame holds")
-
-    def _is_over(self, episode: Problem) -> bool:
-        return self._over
 
     def _act(self, episode: Problem, action: np.int64) -> Step:
         """Let the chosen planner plan the next window; go there if it can."""
@@ -507,7 +501,6 @@ class TraverseEnv(TaskEnv[Problem]):
         self._vain += tried.plan is None
         terminated = tried.infeasible or tried.executed == 0 or self._frame == course.frames - 1
         truncated = not terminated and self._vain >= self._patience
-        self._over = terminated or truncated
         info = self._info(course, tried, begin)
         reward = sum(value for name, value in info.items() if name.startswith("reward_"))
         return Step(

@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar, get_args
@@ -441,7 +441,7 @@ class Dataset:
 
         Raises IndexError, and InvalidInput where the file is damaged.
         """
-        return self._read(index, self._decoded)
+        return self._read(index, partial(_row_of, robot=self._robot))
 
     def problems(self) -> Iterator[Problem]:
         """The problems of all rows, one after the other; equal to what was drawn to the last
@@ -578,9 +578,6 @@ class Dataset:
 
     def _problem(self, raw: dict[str, Any]) -> Problem:
         return _problem_of(raw, self._robot)
-
-    def _decoded(self, raw: dict[str, Any]) -> LabelledPosture:
-        return _row_of(raw, self._robot)
 
     def _read(self, index: int, decode: Callable[[dict[str, Any]], Read]) -> Read:
         """Columns of one row, decoded."""

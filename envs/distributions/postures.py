@@ -194,7 +194,9 @@ class StandingRobot:
             np.tile([0.0, 0.0, 1.0], (len(toes), 1)),
         )
         radii = (size * _CIRCUMRADIUS_M[0], size * _CIRCUMRADIUS_M[1])
-        sizes = radii, size * _COM_RADIUS_M, _BEYOND * self._farthest, 0.0
+        reaches = [np.linalg.norm(_set_of(each).vertices, axis=1) for each in self.robot.limbs]
+        farthest_m = float(np.concatenate(reaches).max())
+        sizes = radii, size * _COM_RADIUS_M, _BEYOND * farthest_m, 0.0
         if law != "wall":
             room = np.tile(size * np.array(_GROUND_ROOM_M), (len(toes), 1))
             return NominalStance(toes, upwards, room, *sizes)
@@ -202,13 +204,6 @@ class StandingRobot:
         centres = _on_walls([_set_of(limb) for limb in limbs], side, size * _WALL_ROOM_M[1])
         return NominalStance(
             centres, out * [0.0, -1.0, 0.0], out * (size * np.array(_WALL_ROOM_M)), *sizes
-        )
-
-    @property
-    def _farthest(self) -> float:
-        """Largest distance of a toe from the centre of mass [m]."""
-        return max(
-            float(np.linalg.norm(_set_of(limb).vertices, axis=1).max()) for limb in self.robot.limbs
         )
 
 

@@ -156,7 +156,7 @@ def smooth_mistakes(
         if not there:
             continue
         margin, shares = soft_least(np.array([t for _, t, _ in there]), softness)
-        chance = _logistic(sign * margin / softness)
+        chance = float(1.0 / (1.0 + np.exp(-np.clip(sign * margin / softness, -50.0, 50.0))))
         total += chance
         for share, (k, _, gradient) in zip(shares, there, strict=True):
             by_bounds = np.concatenate([part.ravel() for part in gradient])
@@ -263,10 +263,6 @@ def _in_domain(bounds: NDArray[np.float64]) -> Array:
     low, high = np.clip(bounds.reshape(2, -1), -1.0, 1.0)
     middle = 0.5 * (low + high)
     return np.concatenate([np.minimum(low, middle - 5e-4), np.maximum(high, middle + 5e-4)])
-
-
-def _logistic(x: float) -> float:
-    return float(1.0 / (1.0 + np.exp(-np.clip(x, -50.0, 50.0))))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -181,15 +181,6 @@ SELECTORS: Registry[Any] = Registry(
 """Selectors by name. A class is made without arguments."""
 
 
-def _is_own(name: str) -> bool:
-    """Tell whether a text names a selector from elsewhere, and no file of weights or envelopes."""
-    return (
-        ".py:" in name
-        or name.endswith(".py")
-        or (not Path(name).exists() and name in SELECTORS.names())
-    )
-
-
 def _own_selector(name: str) -> Learned:
     """A selector by its entry point's name, or "FILE.py:NAME".
 
@@ -301,8 +292,10 @@ def load_selector(path: str | Path) -> Learned:
     ``stancekit.selectors``, its name; or "FILE.py:NAME". Raises InvalidInput for what is missing,
     damaged or foreign.
     """
-    if _is_own(str(path)):
-        return _own_selector(str(path))
+    name = str(path)
+    is_own = not Path(name).exists() and name in SELECTORS.names()
+    if ".py:" in name or name.endswith(".py") or is_own:
+        return _own_selector(name)
     path = file_or_named(path, shipped("selectors"))
     if path.suffix != ".safetensors" and not (path.is_file() and safetensors_format(path)):
         return Learned.fixed(path.stem, read_envelopes(path))

@@ -14,7 +14,7 @@ from ..problem import Problem
 from ..problem.leap import Leap
 from ..problem.passage import Passage
 from .certificate import Certificate
-from .motion import Motion
+from .motion import Motion, doubts_of
 from .report import Report, finite
 
 if TYPE_CHECKING:
@@ -147,8 +147,7 @@ class Answer(Generic[S]):
         """What readers of the robot's and the ground's files guessed, mended or left out, one line
         each.
         """
-        robot = getattr(self.problem or self.solution, "robot", None)
-        return (*(() if robot is None else robot.doubts), *self.more_doubts)
+        return (*doubts_of(self.problem or self.solution), *self.more_doubts)
 
     @property
     def residual_nm(self) -> float:

@@ -63,6 +63,14 @@ def held(thing: Any, kind: type, *names: str) -> None:
         object.__setattr__(thing, name, array)
 
 
+def doubts_of(thing: Any) -> tuple[str, ...]:
+    """Doubts of the robot of a question or an answer, and of the heights of its ground."""
+    ground = getattr(getattr(thing, "problem", thing), "terrain", None)
+    return tuple(
+        d for of in (getattr(thing, "robot", None), ground) for d in getattr(of, "doubts", ())
+    )
+
+
 class Evidence:
     """Base of what answers a question by arrays; those of a copy are read-only, too."""
 
@@ -84,9 +92,10 @@ class Evidence:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Numbers of the robot's file that were guessed or are hard to believe, one line each."""
-        robot: Robot | None = getattr(self, "robot", None)
-        return () if robot is None else robot.doubts
+        """Numbers of the robot's file that were guessed or are hard to believe, and what the reader
+        of heights mended or left out, one line each.
+        """
+        return doubts_of(self)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The arrays that are known, by name."""

@@ -170,6 +170,7 @@ class Report(Generic[S]):
             friction that the feet of a walk need; empty if not measured.
         said: for a proof, the verdict in one line by its judge; else it is composed from the
             groups.
+        more_doubts: what the reader of a ground's file mended or left out, one line each.
     Source:
         E1-E11; W2-W7, between the knots, too; Lagrangian bounds of E1-E11 of a proof.
 
@@ -188,9 +189,17 @@ class Report(Generic[S]):
     defect: str = ""
     remark: str = ""
     said: str = ""
+    more_doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Report({self.message})"
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What readers of the robot's and the ground's files guessed, mended or left out, one line
+        each.
+        """
+        return (*self.answer.doubts, *self.more_doubts)
 
     @property
     def accepted(self) -> bool:
@@ -342,7 +351,7 @@ class Report(Generic[S]):
             "checked": list(self.checked),
             "not_checked": list(self.unchecked),
             "limits": dict(self.limits),
-            "doubts": list(self.answer.doubts),
+            "doubts": list(self.doubts),
             "figures": finite(self.figures),
             "groups": [group.to_json() for group in self.groups],
         }

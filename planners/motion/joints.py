@@ -24,15 +24,21 @@ from ..robot.inverse_kinematics import (
     descend_legs,
 )
 from ..robot.kinematics import Kinematics
-from ..robot.leg import rotations_of
+from ..robot.leg import rotations_of, small_turns
 from ..robot.model import robot_of
 from ..robot.robot_model import RobotModel
 from ..terrain.patch import solids_of
 from .path import APART_M, PathMoments, PlanPath, path_of
 
+STRAY_M = 1e-4
+"""A foot that is farther from where it should be does not follow its path: what the tracker looks
+for anew, and the runner refuses, too."""
+_ROUNDS, _SETTLED_M = 100, 0.1 * STRAY_M
+"""Joints are found so often at most, and until that moves no body whose feet are where they should
+be by more: where the centre of mass is, and how far feet rolled, depends on them."""
 _WALK_ROUNDS = 6
-"""The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth
-of it."""
+"""Those of a walk at least: the centre of mass moves in the body as legs do, which moves the legs;
+every round leaves a fifth of it, and more where legs are heavy."""
 
 
 def walk_joints(trajectory: Trajectory, samples: slice = slice(None)) -> tuple[Array, Array]:
@@ -69,7 +75,7 @@ class MovingBody:
         stands: NDArray[np.bool_],
         *,
         near: Array | None = None,
-        rounds: int = _WALK_ROUNDS,
+        rounds: int = 0,
         steps: int = 0,
     ) -> WholeBody:
         """Postures of K samples of a robot whose legs weigh something, each found from the standing
@@ -82,22 +88,30 @@ class MovingBody:
             toes_m, normals: where feet touch or would, and of the surface there, shape (K, N, 3).
             stands: which feet touch, shape (K, N).
             near: angles to begin with, shape (K, J) [rad].
-            rounds: as ``_WALK_ROUNDS``.
+            rounds: 0 for ``_WALK_ROUNDS``, and more until no body moves whose feet are where they
+                should be.
             steps: of inverse kinematics at most, from ``near`` alone; 0 for as many as it takes.
         """
         body_m, angles = self.model.com_m, near
         origin = com_m - rotation @ body_m
         if near is not None:
             origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(near))
-        for _ in range(rounds):
+        for done in range(rounds or 5 * _WALK_ROUNDS):
             standing = origin + rotation @ body_m
             feet = centres_of(self.model, standing, rotation, toes_m, normals)
             if steps and angles is not None:
-                angles, _ = descend_legs(self.model.legs, feet, angles, steps=steps)
+                angles, error = descend_legs(self.model.legs, feet, angles, steps=steps)
             else:
                 start = self._solver.standing if angles is None else angles
-                angles, _ = self._solver.solve(feet, near=start)
-            origin = com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
+                angles, error = self._solver.solve(feet, near=start)
+            before, origin = origin, com_m - np.einsum("kij,kj->ki", rotation, self._shifts(angles))
+            settled = np.abs(origin - before).max(axis=1) < _SETTLED_M
+            if (
+                not rounds
+                and done + 1 >= _WALK_ROUNDS
+                and (settled | (error > STRAY_M).any(1)).all()
+            ):
+                break
         assert angles is not None
         return WholeBody(
             rotation=rotation,
@@ -185,15 +199,9 @@ def normals_at(plan: Plan, frame: int) -> Array:
     )
 
 
-STRAY_M = 1e-4
-"""A foot that is farther from where it should be does not follow its path: what the tracker looks
-for anew, and the runner refuses, too."""
 TURN_RAD = 0.1
 """Between two moments that are judged no joint turns by much more: half way, joints that turn
 evenly put a foot less than L θ² / 8 from its path, a fraction of a millimetre."""
-_ROUNDS, _SETTLED_M = 30, 0.1 * STRAY_M
-"""Joints are found so often at most, and until that moves no body whose feet are where they should
-be by more: where the centre of mass is, and how far feet rolled, depends on them."""
 
 
 class JointPath:
@@ -294,7 +302,8 @@ class JointPath:
         for _ in range(_ROUNDS):
             shifts, before = np.array([kinematics.com_offset(q) for q in angles]), origins
             origins = moments.com_m - np.einsum("tij,tj->ti", rotations, shifts)
-            if np.abs(origins - before)[error.max(axis=1) < STRAY_M].max(initial=0.0) < _SETTLED_M:
+            moved_m = np.abs(origins - before).max(axis=1)
+            if moved_m[error.max(axis=1) < STRAY_M].max(initial=0.0) < _SETTLED_M:
                 break
             feet = moments.feet_m + _rolled(kinematics, moments, rotations, angles, normals)
             angles, error = descend_legs(
@@ -303,6 +312,8 @@ class JointPath:
                 angles,
                 np.einsum("tij,tni->tnj", rotations, normals),
             )
+        else:  # feet of a body that does not settle are nowhere
+            error = np.maximum(error, STRAY_M / _SETTLED_M * moved_m[:, None])
         return WholeBody(
             rotation=rotations,
             origin_m=origins,
@@ -365,10 +376,7 @@ def _rolled(
         ],
         axis=1,
     )
-    between = turned[1:] @ np.swapaxes(turned[:-1], 2, 3)
-    skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
-    turns = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
-    moved = kinematics.radii_m[:, None] * cross(turns, normals[1:])
+    moved = kinematics.radii_m[:, None] * cross(small_turns(turned), normals[1:])
     stands, rolled = moments.foothold >= 0, np.zeros_like(normals)
     rolled[1:] = np.where((stands[1:] & stands[:-1])[..., None], moved, 0.0)
     for i in range(len(legs)):

@@ -143,7 +143,11 @@ def described(course: str | Path) -> Mapping[str, Any]:
     if drawn_name(name) and not Path(name).exists():
         return family_keys(name)
     family, numbers = split_name(name)
-    if numbers and all(_is_number(each) for each in numbers) and not Path(name).exists():
+    if (
+        numbers
+        and all(each.replace(".", "", 1).isdecimal() for each in numbers)
+        and not Path(name).exists()
+    ):
         raise TERRAIN_FAMILIES.unknown(family)
     if name in builtin_courses():
         file = resources.files("stancekit.configs.courses").joinpath(f"{name}.yaml")
@@ -156,10 +160,6 @@ def described(course: str | Path) -> Mapping[str, Any]:
             + ("; over a terrain a plan wants a start and a goal" if _is_terrain(name) else "")
         )
     return cast("Mapping[str, Any]", read_yaml(course))
-
-
-def _is_number(text: str) -> bool:
-    return text.replace(".", "", 1).isdecimal()
 
 
 def _is_terrain(name: str) -> bool:

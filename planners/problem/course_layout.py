@@ -179,12 +179,13 @@ def _footholds(
     near = (
         None if spec.candidates.everywhere else footing.candidates_of(toes, spec.candidates.count)
     )
+    tilted = np.sqrt(3.0) * spec.body.tilt_limit_rad  # ‖Θ × s‖ ≤ √3 max|Θ_i| ‖s‖
     for k, (frame, limb, _) in enumerate(schedule):
         _, shoulder, toe, _ = toes[k]
         if near is None:
             about, slack = (
                 com_m[frame] + limb.shoulder_m,
-                _slack(limb, float(radius_m[frame]), spec),
+                float(radius_m[frame] + tilted * np.linalg.norm(limb.shoulder_m)),
             )
             everywhere = footing.everywhere(limb, about, slack, toe)
             if not everywhere:
@@ -216,15 +217,6 @@ def _footholds(
             else _with_yaws(limb, limb.sole_m, frame, patches, spec.candidates.yaws_rad)
         )
     return tuple(footholds), placed
-
-
-def _slack(limb: Limb, radius_m: float, spec: CourseSpec) -> float:
-    """Largest distance of a shoulder from its nominal place [m]: the COM's ball, and ‖Θ × s‖ ≤ √3
-    max|Θ_i| ‖s‖.
-    """
-    return float(
-        radius_m + np.sqrt(3.0) * spec.body.tilt_limit_rad * np.linalg.norm(limb.shoulder_m)
-    )
 
 
 def _with_yaws(

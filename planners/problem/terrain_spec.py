@@ -26,7 +26,7 @@ from ..robot.model import Robot
 from ..robot.robot_file import BUILT_IN, FOOT_RADIUS_M, named_robot
 from ..terrain.families import TERRAIN_FAMILIES, Terrain, family_terrain, read_draw
 from ..terrain.footholds import FRICTION, FootholdLimits, Footholds
-from ..terrain.import_options import MOST_TRIANGLES, ImportOptions
+from ..terrain.import_options import MOST_TRIANGLES, ImportOptions, check_unasked
 from ..terrain.patch import Patch
 from ..terrain.polygon import checked_sole
 
@@ -94,7 +94,7 @@ def footholds_for(
         InvalidInput: for what cannot be read, and a terrain without footholds.
     """
     from ..terrain.elevation import ElevationMap
-    from ..terrain.footholds import check_unasked, footholds_of
+    from ..terrain.footholds import footholds_of
     from ..terrain.heightfield import HeightField
     from ..terrain.reference import footholds_on  # splines are slow to import
 

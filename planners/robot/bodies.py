@@ -129,7 +129,8 @@ class Bodies:
             [
                 (i, j)
                 for i, j in combinations(range(len(joints)), 2)
-                if not _neighbours(known, joints[i], joints[j])
+                if joints[i] not in (joints[j], known.parents[joints[j]])
+                and joints[j] != known.parents[joints[i]]  # bodies that a joint joins touch
                 and frozenset((self.links[i], self.links[j])) not in disabled
             ],
             dtype=int,
@@ -664,13 +665,6 @@ def _box(geometry: Any) -> tuple[Array, Array]:
     box = geometry.aabb_local
     low, high = np.array(box.min_).ravel(), np.array(box.max_).ravel()
     return 0.5 * (low + high), 0.5 * (high - low)
-
-
-def _neighbours(known: Any, one: int, other: int) -> bool:
-    """Tell whether two joints of pinocchio's carry the same body, or bodies that one of them
-    joins.
-    """
-    return one == other or known.parents[one] == other or known.parents[other] == one
 
 
 def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:

@@ -56,6 +56,15 @@ def _rotation_of(vector: bytes) -> Array:
     return matrix
 
 
+def small_turns(rotations: Array) -> Array:
+    """Turns from each rotation to the next, shape (T, …, 3, 3) to (T − 1, …, 3), which are small:
+    their sines about their axes.
+    """
+    between = rotations[1:] @ np.swapaxes(rotations[:-1], -2, -1)
+    skewed = 0.5 * (between - np.swapaxes(between, -2, -1))
+    return np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
+
+
 def rotations_of(vectors: Array) -> Array:
     """Rotation matrices of many vectors, shape (…, 3) to (…, 3, 3), by quaternions.
 

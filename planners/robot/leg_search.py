@@ -345,16 +345,12 @@ class _Tree:
         """
         leg = self.leg("", end)
         feet = leg.chain.feet(leg.random_angles(_SAMPLES, np.random.default_rng(0)))
-        return float(feet[:, 2].min()) - max(
-            0.0, min(float(self._in_base[j].translation[2]) for j in self._firsts())
-        )
-
-    def _firsts(self) -> list[int]:
-        return [
-            j
+        hips = (
+            float(self._in_base[j].translation[2])
             for j in range(self._base + 1, self._model.njoints)
             if self._model.parents[j] == self._base
-        ]
+        )
+        return float(feet[:, 2].min()) - max(0.0, min(hips))
 
     def _longest(self, ends: list[int]) -> int:
         """Longest of the ends of one child of the base."""

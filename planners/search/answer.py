@@ -479,7 +479,7 @@ def _taken(kind: type[Taken], found: Any, where: str, **given: Any) -> Taken | N
     if isinstance(found, Motion):
         given["provenance"] = {
             "planner": where.partition(" ")[2],
-            "said": _plain(dict(found.provenance)),
+            "said": json.loads(json.dumps(dict(found.provenance), allow_nan=False)),
         }
     with located(where):
         return kind(**{name: getattr(found, name) for name in _NUMBERS[kind]}, **given)
@@ -489,14 +489,6 @@ def _text(value: Any, where: str) -> str:
     if not isinstance(value, str):
         raise InvalidInput(f"{where}: expected text in its outcome, got {_a(value)}")
     return str(value)
-
-
-def _plain(content: dict[str, Any]) -> Any:
-    """JSON-ready values, and nothing that is theirs.
-
-    Raises TypeError, ValueError.
-    """
-    return json.loads(json.dumps(content, allow_nan=False))
 
 
 def _a(found: object) -> str:

@@ -220,13 +220,10 @@ class _Flood:
             away = np.abs((off - np.clip(off.real, 0.0, 1.0)) * edges).min(axis=0)
             away[np.all(off.imag >= 0.0, axis=0) != np.all(off.imag <= 0.0, axis=0)] = 0.0
             across = np.maximum(away - self.half - self.grow, 0.0)
-            up = np.maximum(low_m[window] - self._top(piece), 0.0)
+            top_m = float(piece.vertices_m[:, 2].max()) + self.grow * _sine(piece)
+            up = np.maximum(low_m[window] - top_m, 0.0)
             result[window] |= np.hypot(across, up) <= reach
         return result
-
-    def _top(self, piece: Patch) -> float:
-        """Height that no contact on a piece is above [m]."""
-        return float(piece.vertices_m[:, 2].max()) + self.grow * _sine(piece)
 
     def _apart(self, pieces: Sequence[Patch], nodes: Sequence[Sequence[int]]) -> _Cells:
         """Tell of which two surfaces two feet may be on one each, shape (n, n)."""

@@ -241,7 +241,8 @@ def through_verifier(planner: Planner, of: Kind) -> Planner:
         planner.check(of)
     if isinstance(planner, Method | VerifiedPlanner):
         return planner
-    return VerifiedPlanner(planner, _called(planner), Acceptance())
+    name = str(getattr(planner, "name", type(planner).__name__))
+    return VerifiedPlanner(planner, name, Acceptance())
 
 
 def _optioned(method: Method, options: PlannerOptions) -> Method:
@@ -295,7 +296,3 @@ def _checked(method: Method, settings: Mapping[str, Any]) -> Method:
             f"{next(iter(settings))}: expected none beside {method}, which has its settings"
         )
     return method
-
-
-def _called(planner: object) -> str:
-    return str(getattr(planner, "name", type(planner).__name__))

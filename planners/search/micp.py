@@ -29,6 +29,7 @@ from ..errors import InvalidInput, not_installed
 from ..files.arrays import check_numbers, checked_int
 from ..files.documents import shown
 from ..problem import Problem
+from ..projection.held import toes_of
 from ..projection.project import PROJECTIONS, SURFACE, Projection, project
 from ..relaxation.boxes import boxes_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
@@ -197,13 +198,10 @@ class Positions:
         shares = np.bincount(
             layout.vertex_candidates, weights, minlength=len(layout.candidate_footholds)
         )
-        toes, total = np.zeros((layout.footholds, 3)), np.zeros(layout.footholds)
-        np.add.at(toes, layout.vertex_footholds, weights[:, None] * scaled.vertices)
-        np.add.at(total, layout.vertex_footholds, weights)
         point = Point(
             com=solution.value("com"),
             rotation=solution.value("rotation"),
-            toes=toes / np.maximum(total, 1e-12)[:, None],
+            toes=toes_of(solution, scaled),
             forces=np.zeros((len(layout.contacts[0]), 3)),
             residual=float("inf"),
             seconds=solution.seconds,

@@ -23,7 +23,7 @@ from ..files.arrays import Array
 from .correlation import connected
 from .patch import Certainty, Patch, flat_patches
 from .polygon import shear_of, width
-from .triangle_mesh import TriangleMesh
+from .triangle_mesh import TriangleMesh, doubled
 
 _STRAIGHT = 1e-3
 """Sine of a turn that counts as none: 57 mm off on 57 m."""
@@ -90,7 +90,10 @@ def _merged(loops: list[_Loop], flat: _Corners) -> list[_Loop]:
                 pieces[one], merged = union, True
                 changed |= {one, other}
                 del pieces[other]
-    return [_straightened(loop, flat) for loop in pieces.values()]
+    return [  # without corners on a straight line
+        [corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > _STRAIGHT]
+        for loop in pieces.values()
+    ]
 
 
 def _border(loops: list[_Loop]) -> _Loop | None:
@@ -147,13 +150,6 @@ def _turn(before: _Point, here: _Point, after: _Point) -> float:
     return (into_x * out_y - into_y * out_x) / max(
         math.hypot(into_x, into_y) * math.hypot(out_x, out_y), 1e-300
     )
-
-
-def _straightened(loop: _Loop, flat: _Corners) -> _Loop:
-    """The loop without corners on a straight line."""
-    return [
-        corner for corner, turn in zip(loop, _turns(loop, flat), strict=True) if turn > _STRAIGHT
-    ]
 
 
 COPLANAR_RAD = 1e-3
@@ -267,7 +263,7 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
     """
     shapely = shapely_module()
     corners = mesh.spread_m
-    doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubles = doubled(corners)
     area = 0.5 * np.linalg.norm(doubles, axis=1)
     normals = doubles / (2.0 * area)[:, None]
     chosen = np.arange(len(corners)) if wanted is None else np.flatnonzero(wanted)

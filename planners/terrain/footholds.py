@@ -4,7 +4,7 @@ it is.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -439,13 +439,3 @@ def read_footholds(
     if isinstance(terrain, TriangleMesh):
         terrain.check_size()
     return replace(footholds_of(terrain, limits, friction), doubts=tuple(heard))
-
-
-def check_unasked(options: ImportOptions, name: str) -> None:
-    """Raise InvalidInput for options of a file where there is none."""
-    for field in fields(options):
-        if getattr(options, field.name) != field.default:
-            raise InvalidInput(
-                f"{field.name}: expected none with {name or 'a height field'}, which is read from "
-                "no file"
-            )

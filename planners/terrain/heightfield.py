@@ -169,6 +169,7 @@ class HeightField:
         x_m, y_m: grid lines, shape (n,) and (m,), increasing [m].
         heights_m: h at (x_i, y_j), shape (n, m) [m].
         name: what the terrain is called in messages.
+        doubts: what the reader of its file mended or left out, one line each.
 
     Raises:
         InvalidInput: for fewer than four grid lines, a hole (NaN), and for more than 200 m along an
@@ -188,6 +189,7 @@ class HeightField:
     y_m: Array
     heights_m: Array
     name: str = ""
+    doubts: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or self.name:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Literal
 
@@ -41,23 +41,25 @@ _HEARD: ContextVar[list[str] | None] = ContextVar("doubts of a ground", default=
 """Doubts of the reading that goes on."""
 
 
-def doubt(text: str) -> None:
+def doubt(text: str) -> str:
     """Warn of something that a reader mended or left out, and keep it for whoever asked."""
-    heard = _HEARD.get()
-    if heard is not None:
+    if (heard := _HEARD.get()) is not None and text not in heard:
         heard.append(text)
     warnings.warn(text, stacklevel=3)
+    return text
 
 
 @contextmanager
 def doubts() -> Iterator[list[str]]:
-    """Hear what readers doubt meanwhile."""
-    heard = list[str]()
+    """Hear what readers doubt meanwhile; whoever listens already hears it, too."""
+    heard, outer = list[str](), _HEARD.get()
     token = _HEARD.set(heard)
     try:
         yield heard
     finally:
         _HEARD.reset(token)
+        if outer is not None:
+            outer += [text for text in heard if text not in outer]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,3 +141,13 @@ class ImportOptions:
             [*(self.crop_m or (-np.inf, np.inf) * 3), -np.inf, np.inf][:6], dtype=np.float64
         )
         return crop.reshape(3, 2).T
+
+
+def check_unasked(options: ImportOptions, name: str) -> None:
+    """Raise InvalidInput for options of a file where there is none."""
+    for field in fields(options):
+        if getattr(options, field.name) != field.default:
+            raise InvalidInput(
+                f"{field.name}: expected none with {name or 'a height field'}, which is read from "
+                "no file"
+            )

@@ -35,7 +35,7 @@ from .facets import (
 from .footholds import REASONS, FootholdLimits, Footholds, Rung, TerrainPatch, held_on_both_sides
 from .patch import THICKNESS_M, Patch
 from .polygon import SMALLEST_M
-from .triangle_mesh import TriangleMesh
+from .triangle_mesh import TriangleMesh, doubled
 
 _SLIMMEST_M, _WIDEST_M = 4e-3, 0.25
 """Radii of rungs [m]."""
@@ -73,7 +73,7 @@ class _MeshRung:
         shapely, rung = shapely_module(), self.rung
         axes = np.stack([rung.axis, np.cross(rung.upright, rung.axis)], axis=1)
         plane = Plane(origin_m=rung.middle_m, normal=rung.upright, axes=axes)
-        doubles = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+        doubles = doubled(corners_m)
         flat = plane.flat(corners_m[doubles @ rung.upright > 0.0])
         half = rung.half_width_m
         strip = shapely.box(flat[..., 0].min(), -half, flat[..., 0].max(), half)
@@ -87,7 +87,7 @@ class _MeshRung:
         """The area of its triangles, with corners of shape (K, 3, 3), that are steeper than this,
         and of the others.
         """
-        doubles = np.cross(corners_m[:, 1] - corners_m[:, 0], corners_m[:, 2] - corners_m[:, 0])
+        doubles = doubled(corners_m)
         area = 0.5 * np.linalg.norm(doubles, axis=1)
         steep = 0.5 * doubles[:, 2] < np.cos(steepest_rad) * area - 1e-12
         return float(area[steep].sum()), float(area[~steep].sum())
@@ -98,7 +98,7 @@ def _rungs_of(mesh: TriangleMesh, steepest_rad: float, flat_m: float) -> list[_M
     wider than that.
     """
     corners = mesh.spread_m
-    doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    doubles = doubled(corners)
     size = np.linalg.norm(doubles, axis=1)
     normals = doubles / size[:, None]
     pairs = edge_pairs(mesh.triangles)

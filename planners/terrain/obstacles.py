@@ -27,10 +27,12 @@ class Ground:
 
     Arguments:
         friction: Coulomb coefficient of all of it.
+        doubt: why the heights are not where the ground is; empty where they are.
     """
 
     heights: HeightField
     friction: float = 1.0
+    doubt: str = ""
     name: ClassVar[str] = "the ground"
 
     @cached_property

@@ -32,7 +32,7 @@ from .families import (
     read_draw,
 )
 from .heightfield import HeightField
-from .import_options import ImportOptions
+from .import_options import ImportOptions, check_unasked
 from .terrain_file import read_heights
 from .triangle_mesh import TriangleMesh
 
@@ -182,6 +182,7 @@ def named_terrain(
         options, smooth_m: of files, see ``terrain_file.read_heights``.
     """
     if names_ground(name):
+        check_unasked(options, name)
         if not drawn_name(name):
             return reference_terrain(name)
         family, level, seed = read_draw(name, "terrain")
@@ -232,7 +233,7 @@ def footholds_on(
 
     Raises InvalidInput.
     """
-    from .footholds import check_unasked, footholds_of, read_footholds  # of files alone
+    from .footholds import footholds_of, read_footholds  # of files alone
 
     if Path(source).exists() and ".py" not in str(source):
         return read_footholds(source, options, limits, friction)

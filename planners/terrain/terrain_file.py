@@ -7,6 +7,7 @@ from __future__ import annotations
 import io
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from ..files.arrays import Array, array_of, checked, told, unpacked
 from ..files.documents import decoded, read_bytes, shown
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M, HeightField
-from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind
+from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind, doubts
 from .mesh_file import MOST_BYTES, read_corners, read_scene
 from .mesh_formats.numbers import Surface
 from .mesh_formats.ply import HEAD_BYTES, read_ply
@@ -288,17 +289,16 @@ def read_heights(
     grid lines, sizes no robot walks on, and for a terrain that is finer than its spline can hold:
     in a cell it swings by more than tolerance_m beyond its corners.
     """
-    terrain = read_terrain(path, options, name=name)
+    with doubts() as heard:
+        terrain = read_terrain(path, options, name=name)
     if isinstance(terrain, TriangleMesh):
         terrain = terrain.from_above(options.spacing_m).with_holes(options.holes)
-    field = terrain.field()
-    smoothed = (
-        field.smoothed(smooth_m)
-        if checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M)
-        else field
+    smooths = checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M) > 0.0
+    field = replace(
+        terrain.field().smoothed(smooth_m) if smooths else terrain.field(), doubts=tuple(heard)
     )
-    _check_held(smoothed, checked(tolerance_m, "tolerance_m", above=0.0))
-    return smoothed
+    _check_held(field, checked(tolerance_m, "tolerance_m", above=0.0))
+    return field
 
 
 def _surface(path: Path, most_triangles: int, hint: str = "simplify it") -> Surface:

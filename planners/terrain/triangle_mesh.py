@@ -57,6 +57,11 @@ _RAY = np.array(
 """Axes in columns, the last of them along the rays: no terrain's edges are parallel to it."""
 
 
+def doubled(spread: Array) -> Array:
+    """Normals as long as twice the area, shape (T, 3), of triangles, shape (T, 3, 3)."""
+    return np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
+
+
 def turned(
     corners: Array, triangles: NDArray[np.int_]
 ) -> tuple[NDArray[np.int_], int, Array | None]:
@@ -113,7 +118,7 @@ def one_sided(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.i
         np.concatenate([one, other]), np.concatenate([ahead_other, ahead_one]), len(both)
     )[1]
     spread = corners[triangles[both]]
-    doubles = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
+    doubles = doubled(spread)
     areas = np.bincount(piece, np.linalg.norm(doubles, axis=1))
     sums = np.stack([np.bincount(piece, each) for each in doubles.T], axis=1)
     closed = _balanced(piece[owner], edge, np.where(ahead, 1, -1))
@@ -144,7 +149,7 @@ def aligned(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int
     order = np.argsort(edge, kind="stable")
     two, three = (order[uses[edge[order]] == count].reshape(-1, count) for count in (2, 3))
     spread = corners[triangles]
-    doubles = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
+    doubles = doubled(spread)
     area = np.linalg.norm(doubles, axis=1)
     faces = np.where(ahead, 1.0, -1.0)[:, None] * (doubles / area[:, None])[owner]
     straight = -np.stack([np.vecdot(*faces[three[:, pair]].swapaxes(0, 1)) for pair in _PAIRED], 1)
@@ -198,7 +203,7 @@ def _inside_out(
     if not len(suspects):
         return None
     spread = corners[triangles]
-    normals = np.cross(spread[:, 1] - spread[:, 0], spread[:, 2] - spread[:, 0])
+    normals = doubled(spread)
     areas = 0.5 * np.linalg.norm(normals, axis=1)
     order = np.lexsort((-areas, piece))
     rank = np.arange(len(order)) - np.searchsorted(piece[order], piece[order])

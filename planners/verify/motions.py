@@ -30,6 +30,7 @@ from ..motion.motion import MotionTable, one_sided
 from ..physics import GRAVITY_M_S2
 from ..robot.inverse_kinematics import WholeBody
 from ..robot.kinematics import Kinematics
+from ..robot.leg import small_turns
 from ..robot.model import Robot
 from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Ground, Obstacles
@@ -107,6 +108,8 @@ _WITHOUT = {
 }
 _OF_THREE = ("balance", "forces", "rates", "com_velocity", "turning", "effort")
 """Groups that need three rows, too."""
+_OF_GROUND = ("contact_gap", "penetration", "slip", "balance", "forces", "cone", "bodies")
+"""Groups that ask where the ground is."""
 _NO_LIMIT_RAD_S = 10.0
 """Speed in place of the limit of a joint that has none."""
 _ROLLS_RAD = 1.5
@@ -128,8 +131,8 @@ class _MotionLimits:
         cone, swing_force: of the table's forces, outside of cones, and on feet that do not stand.
         bodies_m: of a link in another or in the terrain.
         rates: of joints, from what they turn between rows, as a share of their limit.
-        com_m, feet_m: from where joints and body put them; feet are led, and roll, large ones by
-            ``_ROLLS_RAD`` times their radius.
+        com_m, feet_m: from where joints and body put them; feet are led, and roll, each large one
+            beyond that by up to ``_ROLLS_RAD`` times its radius.
         com_velocity, turning: of the body, from how it moves between rows [m/s], [rad/s].
         effort: mean over ``_WINDOW_S`` of torques, from those that loads and forces make, as a
             share of the limit.
@@ -176,14 +179,12 @@ def check_motion(
             known, no pinocchio.
     """
     kinematics = Kinematics(robot, gravity_m_s2=gravity_m_s2)
-    rolled_m = _ROLLS_RAD * float(kinematics.radii_m.max())
-    limits = replace(limits, feet_m=max(limits.feet_m, rolled_m))
     measured = _Measured(_unrounded(_ordered(table, kinematics)), kinematics, terrain, limits)
     most = {name.removesuffix("_m"): limit for name, limit in asdict(limits).items()}
     places = [array for name, array in table.arrays().items() if name in _PLACES]
     coarsest = max((grain(array) for array in places if np.ptp(array, axis=0).any()), default=0.0)
     rounded = f"the file's numbers are rounded to {coarsest:g}" if coarsest > _COARSEST else ""
-    groups = []
+    groups, unsure = [], getattr(terrain, "doubt", "")
     for name, unit in _UNITS.items():
         if COLUMNS.get(name, "time_s") not in measured.known:
             continue
@@ -193,7 +194,7 @@ def check_motion(
                 value, where, when, why = getattr(measured, name)()
             except InvalidInput as error:
                 why = str(error)
-        held = value <= most[name]
+        held, why = value <= most[name], why or (unsure if name in _OF_GROUND else "")
         groups.append(
             Group(
                 name=name,
@@ -350,9 +351,12 @@ class _Measured:
         return _worst(np.linalg.norm(self.known["com_m"] - self._com, axis=1), (), self.times_s)
 
     def feet(self) -> _Worst:
-        """Distance of the table's feet from where joints and body put them, (T, N)."""
+        """Distance of the table's feet from where joints and body put them, less what a large one
+        rolls beyond the limit, (T, N).
+        """
         away = np.linalg.norm(self.known["feet_m"] - self._feet[0], axis=-1)
-        return _worst(away, self.limbs, self.times_s)
+        rolls_m = np.maximum(_ROLLS_RAD * self.kinematics.radii_m - self.limits.feet_m, 0.0)
+        return _worst(away - rolls_m, self.limbs, self.times_s)
 
     def com_velocity(self) -> _Worst:
         """Distance of its velocity from how it moves between rows, (T, 3)."""
@@ -407,12 +411,11 @@ class _Measured:
         """
         centres, turns = self._feet
         normals = self.surface[1]
-        between = turns[1:] @ np.swapaxes(turns[:-1], 2, 3)
-        skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
-        turned = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
         radii = self.kinematics.radii_m[:, None]
         moved = np.diff(centres, axis=0)
-        both = np.stack([moved - radii * cross(turned, normals[1:]), moved])  # (2, T − 1, N, 3)
+        both = np.stack(
+            [moved - radii * cross(small_turns(turns), normals[1:]), moved]
+        )  # (2, T − 1, N, 3)
         both = both - np.sum(both * normals[1:], axis=-1, keepdims=True) * normals[1:]
         far, total = np.zeros((2, *self.stands.shape)), np.zeros((2, *centres.shape[1:]))
         held = self._held

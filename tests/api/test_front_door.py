@@ -176,8 +176,9 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
     answer = stancekit.plan(steep, **ends)  # undecided, or explain asked for a proof
     assert_names(stancekit.explain(answer).message, "steep.obj", "steep")
     with pytest.warns(UserWarning, match="inside out"):
-        (doubt,) = stancekit.plan(mended, **ends).doubts
+        (doubt,), heights = stancekit.plan(mended, **ends).doubts, stancekit.heights(mended)
     assert_names(doubt, "mended.obj", "1 closed parts")
+    assert stancekit.walk(heights, (0.2, 0.0), duration_s=2.0, time_limit_s=1.0).doubts == (doubt,)
     pillar = np.pad(np.full((5, 5), 1.5), ((48, 28), (38, 38)))
     ground = stancekit.HeightField.from_array(pillar, spacing_m=0.05)
     assert_names(stancekit.walk(ground, (0.5, 0.0)).message, "goal", "1.5 m high")

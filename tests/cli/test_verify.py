@@ -359,6 +359,25 @@ def test_a_mesh_under_a_motion_may_have_steps_and_sides_along_no_axis(
     assert record["verdict"] == verdict
 
 
+@pytest.mark.parametrize(("rise_m", "held"), [(0.0, True), (0.1, False)])
+def test_heights_that_are_not_the_mesh_are_doubted_and_hold_nothing_that_asks_for_the_ground(
+    rise_m: float, held: bool, walk_file: Path, stancekit, tmp_path: Path
+) -> None:
+    """Of 5,618 triangles in millimetres, with a step a metre ahead of the walk."""
+    ground, rows, rise = tmp_path / "many.obj", range(54), 1e3 * rise_m
+    lines = [f"v {60 * x - 1500} {60 * y - 1500} {rise * (x > 44)}" for x in rows for y in rows]
+    corners = [54 * x + y + 1 for x in rows[1:] for y in rows[1:]]
+    lines += [f"f {k - 55} {k - 1} {k}\nf {k - 55} {k} {k - 54}" for k in corners]
+    ground.write_text("\n".join(lines))
+    judged = ("verify", walk_file.with_suffix(".csv"), "--robot", "anymal", "--terrain", ground)
+    (record,) = stancekit(*judged, "--unit-m", "0.001", "--json").records
+    assert ("contact_gap" in record["report"]["not_checked"], record["verdict"]) == (
+        not held,
+        "accepted",
+    )
+    assert held or record["report"]["doubts"][0].startswith(f"{ground}: more than 5000")
+
+
 def test_mujocos_key_frames_are_judged(walk_file: Path, stancekit) -> None:
     assert stancekit("export", walk_file, "--to", "mujoco").code == 0
     frames, options = walk_file.with_suffix(".xml"), ("--terrain", walk_file, "--json")
@@ -414,13 +433,15 @@ def test_options_that_do_not_fit_are_one_line(walk_file: Path, refusal) -> None:
     for arguments, line in (
         ((table,), "moves over, as the name or file of heights or the file of a plan or a walk"),
         ((table, "--terrain", walk_file, "--course", "walls"), "got both"),
-        ((walk_file, "--terrain", walk_file), "--terrain: expected a motion with it"),
+        ((walk_file, "--terrain", walk_file), "--terrain: expected none with"),
         ((table, "--terrain", walk_file, "--robot", "nobody"), "--robot: expected"),
         (
             (table, "--terrain", walk_file, "--tolerance", "0.1"),
             "--tolerance: expected none with a motion",
         ),
         ((table, "--terrain", "nowhere"), "--terrain: expected a file, one of"),
+        ((table, "--terrain", "rough:0:1", "--holes", "fill"), "--holes: expected none with"),
+        ((walk_file, "--unit-m", "0.001"), "--unit-m: expected none with"),
     ):
         assert line in refusal("verify", *arguments)
 

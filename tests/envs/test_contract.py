@@ -11,6 +11,7 @@ import inspect
 import pickle
 import re
 import warnings
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -77,18 +78,27 @@ MOST_STEPS = {"stancekit/WarpedGait-v0": 1}
 
 
 def steps(env: gym.Env, count: int = 3) -> list[Any]:
-    """The next steps, with actions of the space's own generator; a new episode where one ends."""
+    """The next steps, with actions of the space's own generator; a new episode where one ends,
+    which takes no step more.
+    """
     found = []
     for _ in range(count):
-        found.append(env.step(env.action_space.sample()))
+        found.append(env.step(action := env.action_space.sample()))
         if found[-1][2] or found[-1][3]:
+            with pytest.raises(gym.error.ResetNeeded, match="is over"):
+                env.unwrapped.step(action)
             found.append(env.reset())
     return found
 
 
 def running(name: str, done: int) -> gym.Env:
-    """An environment in the middle of what it does, so many steps after its reset."""
+    """An environment in the middle of what it does, so many steps after its reset, which is needed
+    first.
+    """
     env = gym.make(name, **QUICK[name])
+    for ask in (partial(env.unwrapped.step, None), env.unwrapped.render):
+        with pytest.raises(gym.error.ResetNeeded):
+            ask()
     env.reset(seed=3)
     env.action_space.seed(5)
     steps(env, done)

@@ -84,13 +84,6 @@ def test_observations_lie_in_their_space_and_info_is_finite_numbers(stepped):
     assert all(np.isfinite(value) and np.ndim(value) == 0 for value in info.values())
 
 
-def test_reset_is_needed_first():
-    env = made(render_mode="rgb_array")
-    for use in (lambda: env.step(np.zeros(3, dtype=int)), env.render):
-        with pytest.raises(gymnasium.error.ResetNeeded):
-            use()
-
-
 def test_terrains_have_names():
     with refuses("terrain"):
         WarpedGaitEnv("lava")
