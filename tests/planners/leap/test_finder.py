@@ -12,7 +12,7 @@ import stancekit
 from stancekit import Answer, Certificate, Motion, Status, Way
 from stancekit.planners.answer.plan import LEAP_BODY
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.leap.crossing import stretches, surface_of
+from stancekit.planners.leap.crossing import drawn_in, stretches, surface_of
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.prove import (
@@ -244,7 +244,7 @@ def test_a_gap_wider_than_the_stance_parts_the_way_in_two() -> None:
     terrain = family_terrain("gaps", 0.4, 0)
     gap, middle = terrain.figures["gap_m"], terrain.figures["middle_m"]
     ends = np.array([[middle - 0.6, 0.0], [middle + 0.6, 0.0]])
-    way = stretches(terrain, TOES, ends)
+    way = stretches(terrain, drawn_in(TOES, ends[1] - ends[0], 0.05), ends)
     (_, leaves), (lands, _) = way.spans_m
     front, hind = way.at(leaves)[0] + 0.14, way.at(lands)[0] - 0.14  # toes drawn in by 5 cm
     assert front == pytest.approx(middle - 0.5 * gap, abs=0.011)
