@@ -57,7 +57,7 @@ _FLAT = 0.3
 _INTERVALS = (8, 1, 8)
 _STANCES_S = (0.5, 0.65)
 """Durations of the stances before and after a flight that are tried [s]."""
-_FLIGHTS_M_S = (1.25, 1.1)
+_FLIGHTS_M_S = (1.25, 1.17, 1.1)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
 _FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
@@ -385,7 +385,7 @@ class _Crossing:
         """Durations of the phases of a leap so far, the likeliest first [s]."""
         gap = max(far_m, 0.1)
         flights = [float(np.clip(gap / (2.0 * v), *_FLIGHT_S)) for v in _FLIGHTS_M_S]
-        return [(s, round(t, 3), s) for t in flights for s in _STANCES_S]
+        return [(s, round(t, 3), s) for s in _STANCES_S for t in flights]
 
     def leap_from(
         self, standing: Standing, to_m: float, timing: tuple[float, float, float]
