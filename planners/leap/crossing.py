@@ -367,7 +367,7 @@ class _Crossing:
             if isinstance(leap, str):
                 return leap
             now = time.perf_counter()
-            share = now + (until - now) / (len(timings) - k)
+            share = now + 0.5 * (until - now) if k + 1 < len(timings) else until
             answer = find_leap(leap, self.finder, time_limit_s=max(share - now, 0.0))
             if answer.solution is not None:
                 answer = judged_answer(
