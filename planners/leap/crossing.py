@@ -358,7 +358,7 @@ class _Crossing:
         self, standing: Standing, from_m: float, to_m: float
     ) -> tuple[LeapPlan, Effort] | str:
         """The leap from where the robot stands to a place along the way, judged with its legs."""
-        why, effort = "no timing", Effort()
+        why = "no timing"
         obstacles = Obstacles.of(self.terrain.patches)
         timings = self._timings(to_m - from_m)
         until = self._until(_SHARES[1])
@@ -373,9 +373,8 @@ class _Crossing:
                 answer = judged_answer(
                     answer, programs_of_this_thread(), deadline=share, obstacles=obstacles
                 )
-            effort = answer.effort
             if answer.status is Status.FEASIBLE and answer.solution is not None:
-                return answer.solution, effort
+                return answer.solution, answer.effort
             why = f"undecided: {answer.message}"
             if time.perf_counter() > until:
                 break
