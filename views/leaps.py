@@ -131,12 +131,15 @@ class LeapView(View):
 
     @cached_property
     def chosen(self) -> list[tuple[int, Patch]]:
-        """Limb and patch of every foothold of every part."""
+        """Limb and patch of every foothold of every part; later parts begin where feet stand
+        already.
+        """
         names = self.robot.limb_names
         return [
             (names.index(foothold.limb), part.problem.patch(p, part.choice))
             for part in self.parts
             for p, foothold in enumerate(part.problem.footholds)
+            if foothold.frame or part is self.parts[0]
         ]
 
     @cached_property

@@ -394,9 +394,6 @@ def _from_body(plan: LeapPlan, holds: NDArray[np.int_], surfaces: NDArray[np.int
 
 SETTLE_S, REST_S = 0.5, 2.0
 """At rest before, and after: a robot that stands so long has landed."""
-_PUSHES = 0.5
-"""Share of the push before a flight in which legs press so that a body goes into the air, held or
-not."""
 _LIGHT = 0.1
 """Toes that press with less than this share of the weight in all are about to lift."""
 _KNOT_S = 0.02
@@ -464,5 +461,4 @@ def _committed_s(plan: LeapPlan) -> list[float]:
     if not len(lifts):
         return [float(plan.ends_s[0])]
     first = int(np.argmax(leap.interval_phases == leap.interval_phases[lifts[-1]]))
-    begin, end = plan.ends_s[[first, int(lifts[-1]) + 1]]
-    return [float(end - _PUSHES * (end - begin))]
+    return [float(plan.ends_s[[first, int(lifts[-1]) + 1]].mean())]
