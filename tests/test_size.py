@@ -36,9 +36,9 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3067, 42420),
     "learners": (5210, 76667),
-    "planners": (34909, 576231),
+    "planners": (34901, 576200),
     "runner": (6509, 89532),
-    "views": (4297, 68689),
+    "views": (4297, 68706),
 }
 CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
 """Most statements of what is no package, which only fall, too."""
