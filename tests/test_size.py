@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5208, 76647),
-    "planners": (34905, 576067),
+    "planners": (34897, 576036),
     "runner": (6509, 89532),
     "views": (4297, 68689),
 }

@@ -131,12 +131,15 @@ class LeapView(View):
 
     @cached_property
     def chosen(self) -> list[tuple[int, Patch]]:
-        """Limb and patch of every foothold of every part."""
+        """Limb and patch of every foothold of every part; later parts begin where feet stand
+        already.
+        """
         names = self.robot.limb_names
         return [
             (names.index(foothold.limb), part.problem.patch(p, part.choice))
             for part in self.parts
             for p, foothold in enumerate(part.problem.footholds)
+            if foothold.frame or part is self.parts[0]
         ]
 
     @cached_property
@@ -162,11 +165,11 @@ class LeapView(View):
         leap's patches.
         """
         mounts = np.array([limb.shoulder_m for limb in self.robot.limbs])
-        bodies = (self.path_m[:, None] + mounts).reshape(-1, 3)
-        if self.subject.has("parts"):
-            return np.array([bodies.min(axis=0) - _ABOUT_M, bodies.max(axis=0) + _ABOUT_M])
-        points = np.concatenate([*(patch.vertices_m for patch in self.offered), bodies])
-        return np.array([points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M])
+        points, about_m = np.concatenate(self.path_m[:, None] + mounts), _ABOUT_M
+        if not self.subject.has("parts"):
+            points = np.concatenate([*(patch.vertices_m for patch in self.offered), points])
+            about_m = MARGIN_M
+        return np.array([points.min(axis=0) - about_m, points.max(axis=0) + about_m])
 
     @cached_property
     def camera(self) -> Camera:

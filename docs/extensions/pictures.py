@@ -53,8 +53,8 @@ TABLE_I = (
 STUDIES = {
     "directions-ripple.png": TABLE_I,
     "times-ripple.png": TABLE_I,
-    "crossing.png": "stancekit plan gaps:0.375:0 --start=-0.377,0 --goal=0.823,0 --robot go1 "
-    "--picture crossing.png",
+    "crossing.png": "stancekit plan gaps:0.5:0 --start=-0.5,0 --goal=1,0 --robot laikago "
+    "--time-limit-s 300 --picture crossing.png",
     "fitness.png": "python benchmarks/fitness.py FILE --picture fitness.png",
     "robots.png": "python docs/named_robots.py",
 }

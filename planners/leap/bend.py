@@ -47,7 +47,7 @@ SHARE, _LEAST_SHARE = 0.88, 0.5
 that."""
 _MORE_THAN = 1.03
 """Rows ask for so much less than would make up for what was too much."""
-_ROUNDS, _STEPS = 6, 8
+_ROUNDS, _STEPS = 9, 8
 """Rounds at most, for one timing, and convex steps at most in each."""
 _SCALES = {"joints": 0.01, "joint_speed": 1.0, "torque": 1.0}
 """What is as bad as one share of a joint, of groups that are beyond their limits; 0.1 of others."""
@@ -197,11 +197,13 @@ class LeapBender:
         measured, groups = found or (measured, tuple(measured.groups(bodies=False)))
         plan = measured.leap_body.plan
         none = np.zeros(len(plan.problem.robot.limbs))
+        report = check_leap(plan)
+        contacts = tuple(group for group in report.groups if group.name not in LEAP_BODY)
         return _JudgedLeap(
             plan=plan,
             body=measured,
             groups=groups,
-            report=_with(check_leap(plan), groups),
+            report=replace(report, groups=(*contacts, *groups)),
             shortened_m=none if shortened_m is None else shortened_m,
             share=share,
         )
@@ -678,12 +680,6 @@ def judged_answer(
         details=details,
         message="" if report.accepted else f"{why}: {failures(report)}",
     )
-
-
-def _with(report: Report[LeapPlan], groups: tuple[Group, ...]) -> Report[LeapPlan]:
-    names = {group.name for group in groups}
-    others = tuple(group for group in report.groups if group.name not in names)
-    return replace(report, groups=(*others, *groups))
 
 
 def failures(report: Report[LeapPlan]) -> str:

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate, Way
@@ -48,22 +47,23 @@ from .finder import LeapFinder, find_leap
 
 _SPACING_M = 0.01
 """Places along the way that are looked at are so far apart [m]."""
-_NARROW_M = 0.05
-"""Toes stand so much nearer to the body along the way where it leaps, at most [m]."""
+_NARROWS_M = (0.1, 0.065)
+"""Toes stand so much nearer to the body along the way where it leaps, at most: the first that leaves
+room to stand on both sides [m]."""
 _LEAST_M = 0.04
 """A climb between two leaps that is shorter is none [m]."""
 _FLAT = 0.3
 """Surfaces whose normals are steeper than this are nothing to land on."""
-_INTERVALS = (4, 1, 4)
+_INTERVALS = (8, 1, 8)
 _STANCES_S = (0.5, 0.65)
 """Durations of the stances before and after a flight that are tried [s]."""
-_FLIGHTS_M_S = (1.1, 1.3)
+_FLIGHTS_M_S = (1.25, 1.17, 1.1)
 """Speeds of flights over a gap that are tried, which say how long they last [m/s]."""
 _FLIGHT_S = (0.2, 0.5)
 """Least and greatest duration of a flight [s]."""
 _CANDIDATES, _WINDOW_M = 4, 0.16
 """Candidates per toe where a leap lands, and how wide each is [m]."""
-_LANDS_M = 0.06
+_LANDS_M = 0.1
 """Width of the pieces on which it lands, about where toes like to be: a climb goes on from there [m]."""
 _GOAL_M = 0.06
 """A leap ends so near to where the body likes to be over its toes: a climb goes on from there
@@ -112,11 +112,8 @@ def stretches(terrain: Terrain, toes_m: Array, ends_m: Array) -> Stretches | Non
         return None
     direction = way / length
     along = np.linspace(0.0, length, int(np.ceil(length / _SPACING_M)) + 1)
-    ahead = toes_m[:, :2] @ direction
-    shift_m = np.sign(ahead) * np.minimum(_NARROW_M, 0.5 * np.abs(ahead))
-    toes = toes_m[:, :2] - shift_m[:, None] * direction
-    places = ends_m[0] + along[:, None, None] * direction + toes
-    stands = _on_ground(terrain, places).all(axis=1)
+    places = ends_m[0] + along[:, None, None] * direction + toes_m[:, :2]
+    stands = np.isfinite(_heights(terrain, places)).all(axis=1)
     padded = np.concatenate([[False], stands, [False]])
     begins = np.flatnonzero(~padded[:-1] & padded[1:])
     ends = np.flatnonzero(padded[:-1] & ~padded[1:]) - 1
@@ -126,15 +123,28 @@ def stretches(terrain: Terrain, toes_m: Array, ends_m: Array) -> Stretches | Non
     return Stretches(start_m=ends_m[0], direction=direction, spans_m=spans, length_m=length)
 
 
-def _on_ground(terrain: Terrain, places_m: Array) -> NDArray[np.bool_]:
-    """Tell at which places some surface is to stand on, shape (K, N)."""
-    on = np.zeros(places_m.shape[:2], dtype=bool)
-    for _, patch in terrain.standing:
-        if patch.normal[2] < _FLAT:
-            continue
-        normals, offsets = half_planes(patch.vertices_m[:, :2])
-        on |= np.all(places_m @ normals.T <= offsets + 1e-9, axis=-1)
-    return on
+def drawn_in(toes_m: Array, way_m: Array, narrow_m: float) -> Array:
+    """Toes nearer to the body along a way, by half of how far they are from it at most.
+
+    Arguments:
+        toes_m: vectors from the body to its toes, shape (N, 3) [m].
+        way_m: from start to goal, shape (2,) [m].
+        narrow_m: by how much [m].
+    """
+    direction = np.append(way_m, 0.0) / max(float(np.linalg.norm(way_m)), _SPACING_M)
+    ahead = toes_m @ direction
+    shift_m = np.sign(ahead) * np.minimum(narrow_m, 0.5 * np.abs(ahead))
+    return np.asarray(toes_m - shift_m[:, None] * direction)
+
+
+def _stands(question: LaidBetween, way: Stretches) -> bool:
+    """Tell whether there is room for the robot where each stretch before a gap ends."""
+    try:
+        for end in way.spans_m[:-1, 1]:
+            replace(question, goal_m=tuple(way.at(end).tolist()), frames=None)("inner")
+    except (InvalidInput, PlanningFailed):
+        return False
+    return True
 
 
 def cross(
@@ -172,8 +182,11 @@ def cross(
     feet = np.array([leg.chain.feet(leg.stance_rad[None])[0] for leg in model.legs])
     radii = np.array([leg.radius_m for leg in model.legs])
     toes = feet - model.com_m - np.array([0.0, 0.0, 1.0]) * radii[:, None]
-    way = stretches(terrain, toes, np.array([question.start_m, question.goal_m]))
-    if way is None:
+    ends = np.array([question.start_m, question.goal_m])
+    tries = [drawn_in(toes, ends[1] - ends[0], narrow_m) for narrow_m in _NARROWS_M]
+    ways = [stretches(terrain, narrow, ends) for narrow in tries]
+    number = next((k for k, each in enumerate(ways) if each and _stands(question, each)), -1)
+    if (way := ways[number]) is None:
         return None
     if unlimited := no_motors(model):
         return Answer(
@@ -188,7 +201,7 @@ def cross(
         finder=LeapFinder(solves=50, proof=0),
         deadline=deadline,
         leaper=leaper,
-        toes_m=toes,
+        toes_m=tries[number],
         terrain=terrain,
         way=way,
         refusal=refusal,
@@ -345,7 +358,7 @@ class _Crossing:
         self, standing: Standing, from_m: float, to_m: float
     ) -> tuple[LeapPlan, Effort] | str:
         """The leap from where the robot stands to a place along the way, judged with its legs."""
-        why, effort = "no timing", Effort()
+        why = "no timing"
         obstacles = Obstacles.of(self.terrain.patches)
         timings = self._timings(to_m - from_m)
         until = self._until(_SHARES[1])
@@ -360,9 +373,8 @@ class _Crossing:
                 answer = judged_answer(
                     answer, programs_of_this_thread(), deadline=share, obstacles=obstacles
                 )
-            effort = answer.effort
             if answer.status is Status.FEASIBLE and answer.solution is not None:
-                return answer.solution, effort
+                return answer.solution, answer.effort
             why = f"undecided: {answer.message}"
             if time.perf_counter() > until:
                 break
@@ -372,7 +384,7 @@ class _Crossing:
         """Durations of the phases of a leap so far, the likeliest first [s]."""
         gap = max(far_m, 0.1)
         flights = [float(np.clip(gap / (2.0 * v), *_FLIGHT_S)) for v in _FLIGHTS_M_S]
-        return [(s, round(t, 3), s) for t in flights for s in _STANCES_S]
+        return [(s, round(t, 3), s) for s in _STANCES_S for t in flights]
 
     def leap_from(
         self, standing: Standing, to_m: float, timing: tuple[float, float, float]
@@ -406,7 +418,7 @@ class _Crossing:
         names = robot.limb_names
         stances = [Phase(limbs=names, intervals=n) for n in (_INTERVALS[0], _INTERVALS[2])]
         return Leap(
-            name=f"leap over {self.terrain_name}",
+            name=f"leap over {Path(self.question.terrain.file).name}",
             robot=robot,
             phases=(stances[0], Phase(limbs=(), intervals=_INTERVALS[1]), stances[1]),
             timings_s=(timing,),
@@ -421,9 +433,7 @@ class _Crossing:
         """Places of the toes from which a robot leaps, or on which it lands, shape (N, 2) [m], and
         the heights there, shape (N,) [m].
         """
-        ahead = self.toes_m[:, :2] @ self.way.direction
-        shift_m = np.sign(ahead) * np.minimum(_NARROW_M, 0.5 * np.abs(ahead))
-        wanted = self.way.at(along_m) + self.toes_m[:, :2] - shift_m[:, None] * self.way.direction
+        wanted = self.way.at(along_m) + self.toes_m[:, :2]
         return wanted, _heights(self.terrain, wanted)
 
     def _squared(self, course: Problem, end_m: float) -> Problem:
@@ -455,17 +465,12 @@ class _Crossing:
             and np.linalg.norm(piece.vertices_m.mean(axis=0) - place_m) < width_m
         )[:_CANDIDATES]
 
-    @property
-    def terrain_name(self) -> str:
-        """Name of the terrain, in the names of leaps."""
-        return Path(self.question.terrain.file).name
-
 
 def _heights(terrain: Terrain, places_m: Array) -> Array:
-    """Height of the highest surface to stand on at places, shape (N, 2); −inf where there is
+    """Height of the highest surface to stand on at places, shape (…, 2); −inf where there is
     none.
     """
-    heights = np.full(len(places_m), -np.inf)
+    heights = np.full(places_m.shape[:-1], -np.inf)
     for _, patch in terrain.standing:
         if patch.normal[2] < _FLAT:
             continue

@@ -215,7 +215,8 @@ def find_leap(
     """Search for a leap, and for a proof that there is none where no plan is found.
 
     Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a
-    certificate that ``check_certificate`` accepted, or undecided.
+    certificate that ``check_certificate`` accepted, or undecided: with such a certificate, too, for a
+    robot with legs of its own, whose hips are not as fast to its centre of mass as the proof has them.
     """
     begin, method = time.perf_counter(), method or LeapFinder()
     deadline = begin + time_limit_s
@@ -244,13 +245,16 @@ def find_leap(
         check = check_certificate(certificate)
         if not check.accepted:
             certificate, message = None, f"the proof was refused: {check.message}"
+        elif leap.robot.own:
+            message = "proved of one rigid body alone: legs that move shift its hips"
+    proved = certificate is not None and not leap.robot.own
     return Answer(
-        status=Status.UNDECIDED if certificate is None else Status.INFEASIBLE,
+        status=Status.INFEASIBLE if proved else Status.UNDECIDED,
         method=method.order,
         problem=leap,
         certificate=certificate,
         effort=search.effort(time.perf_counter() - begin),
-        message="" if certificate is not None else message,
+        message="" if proved else message,
         details={"search_solves": float(tried)},
     )
 
@@ -300,25 +304,18 @@ class LeapSearch:
             timing.exhausted = False  # another order may find what this one's did not
         if self.solves >= method.solves:
             return
-        for timing in self._turns():
-            choice = self._choice(timing)
-            if choice is None:
-                timing.exhausted = True
-                continue
+        for _, choice in self.choices():
             leap_attempt = attempt(
-                self._programs, timing.numbers, choice, share=method.share, stop=method.stop
+                self._programs, self.last.numbers, choice, share=method.share, stop=method.stop
             )
-            self.tries += 1
             self.solves += leap_attempt.solves
-            self._learn(timing, leap_attempt)
+            self._learn(self.last, leap_attempt)
             yield leap_attempt
             if self.solves >= method.solves:
                 return
 
     def choices(self) -> Iterator[tuple[int, Index]]:
-        """Choices as ``attempts`` would try them, each with its timing, for whoever tries them in
-        another way.
-        """
+        """Choices as ``attempts`` tries them, each with its timing."""
         for timing in self._turns():
             choice = self._choice(timing)
             if choice is None:
@@ -354,7 +351,6 @@ class LeapSearch:
     def _learn(self, timing: _Timing, found: LeapAttempt) -> None:
         """Keep the cuts of an attempt that failed."""
         picker, order = timing.picker, self._order
-        picker.tried.add(tuple(found.choice.tolist()))
         if timing.best is None or found.cost < timing.best[0]:
             timing.best = (found.cost, found.choice)
         if found.solved:

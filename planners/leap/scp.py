@@ -131,8 +131,6 @@ class LeapLift:
 
 def _slack_cost(solution: ConicSolution) -> float:
     """Cost of an answer's slack."""
-    from .terms import PRICES
-
     total = 0.0
     for name in SLACKS:
         for end in ("over", "under"):

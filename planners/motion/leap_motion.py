@@ -394,8 +394,6 @@ def _from_body(plan: LeapPlan, holds: NDArray[np.int_], surfaces: NDArray[np.int
 
 SETTLE_S, REST_S = 0.5, 2.0
 """At rest before, and after: a robot that stands so long has landed."""
-_PUSHES = 2
-"""Intervals before a flight in which legs push so that a body goes into the air, held or not."""
 _LIGHT = 0.1
 """Toes that press with less than this share of the weight in all are about to lift."""
 _KNOT_S = 0.02
@@ -450,9 +448,9 @@ def leap_motion(plan: LeapPlan, settle_s: float = SETTLE_S, rest_s: float = REST
 
 
 def _committed_s(plan: LeapPlan) -> list[float]:
-    """When the body goes into the air whatever its legs do [s]: at the beginning of the last but
-    one interval that pushes before the first flight; never where some limb always stands. Legs that
-    are held while they push throw a robot off its feet from there to the end.
+    """When the body goes into the air whatever its legs do [s]: in the middle of the last phase that
+    pushes before the first flight; never where some limb always stands. Legs that are held while
+    they push throw a robot off its feet from there to the end.
     """
     leap = plan.problem
     air = (leap.holds[leap.interval_phases] < 0).all(axis=1)
@@ -460,4 +458,7 @@ def _committed_s(plan: LeapPlan) -> list[float]:
         return []
     pushes = np.linalg.norm(plan.forces_n.sum(axis=1), axis=1) > _LIGHT * leap.weight_n
     lifts = np.flatnonzero(pushes[: int(np.argmax(air))])
-    return [float(plan.ends_s[max(int(lifts[-1]) + 1 - _PUSHES, 0) if len(lifts) else 0])]
+    if not len(lifts):
+        return [float(plan.ends_s[0])]
+    first = int(np.argmax(leap.interval_phases == leap.interval_phases[lifts[-1]]))
+    return [float(plan.ends_s[[first, int(lifts[-1]) + 1]].mean())]

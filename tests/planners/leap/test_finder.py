@@ -12,7 +12,7 @@ import stancekit
 from stancekit import Answer, Certificate, Motion, Status, Way
 from stancekit.planners.answer.plan import LEAP_BODY
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.leap.crossing import stretches, surface_of
+from stancekit.planners.leap.crossing import cross, drawn_in, stretches, surface_of
 from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.prove import (
@@ -29,6 +29,7 @@ from stancekit.planners.leap.scp import LeapAttempt, attempt
 from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.leap_classes import leap_class
+from stancekit.planners.search.methods import make_planner
 from stancekit.planners.terrain.families import family_terrain
 from stancekit.planners.terrain.polygon import Surface
 from stancekit.planners.verify import check_certificate, explain
@@ -240,11 +241,13 @@ TOES = np.array(
 )
 
 
+GAP = family_terrain("gaps", 0.4, 0)
+
+
 def test_a_gap_wider_than_the_stance_parts_the_way_in_two() -> None:
-    terrain = family_terrain("gaps", 0.4, 0)
-    gap, middle = terrain.figures["gap_m"], terrain.figures["middle_m"]
+    gap, middle = GAP.figures["gap_m"], GAP.figures["middle_m"]
     ends = np.array([[middle - 0.6, 0.0], [middle + 0.6, 0.0]])
-    way = stretches(terrain, TOES, ends)
+    way = stretches(GAP, drawn_in(TOES, ends[1] - ends[0], 0.05), ends)
     (_, leaves), (lands, _) = way.spans_m
     front, hind = way.at(leaves)[0] + 0.14, way.at(lands)[0] - 0.14  # toes drawn in by 5 cm
     assert front == pytest.approx(middle - 0.5 * gap, abs=0.011)
@@ -258,32 +261,31 @@ def test_a_gap_narrower_than_the_stance_has_a_stretch_above_it() -> None:
     assert len(way.spans_m) == 3
 
 
-@pytest.mark.parametrize("goal", [-0.3, -0.5])
-def test_a_way_without_a_gap_has_no_stretches(goal: float) -> None:
-    terrain = family_terrain("gaps", 0.4, 0)
-    assert stretches(terrain, TOES, np.array([[-0.55, 0.0], [goal, 0.0]])) is None
+@pytest.mark.parametrize("goal", [-0.3, -0.5, GAP.figures["middle_m"]])
+def test_a_way_without_a_gap_or_to_a_goal_above_one_has_no_stretches(goal: float) -> None:
+    assert stretches(GAP, TOES, np.array([[-0.55, 0.0], [goal, 0.0]])) is None
 
 
-def test_a_goal_over_the_gap_is_no_place_to_land() -> None:
-    terrain = family_terrain("gaps", 0.4, 0)
-    middle = terrain.figures["middle_m"]
-    assert stretches(terrain, TOES, np.array([[-0.5, 0.0], [middle, 0.0]])) is None
+def test_a_gap_that_is_not_stepped_over_is_leapt_over() -> None:
+    question = laid_between("gaps:0.5:0", (-0.5, 0.0), (1.0, 0.0), robot="laikago")
+    found = cross(question, make_planner("two-stage"), robot="laikago", refusal="a gap")
+    assert found.report.accepted, found.message
+    assert [part.keyed for part in found.solution.parts] == [True, False, True]
 
 
 def test_a_leap_leaves_from_whole_surfaces_and_not_from_the_pieces_that_climbs_end_on() -> None:
-    terrain = family_terrain("gaps", 0.4, 0)
-    for _, patch in terrain.standing:
+    for _, patch in GAP.standing:
         place = patch.centre_m + 0.3 * (patch.vertices_m[0] - patch.centre_m)
         piece = Surface(patch, 0.0).window(place, 0.04)
-        assert surface_of(terrain, piece) is patch
+        assert surface_of(GAP, piece) is patch
         other = piece.with_friction(0.5 * patch.friction)
-        assert surface_of(terrain, other) is other
+        assert surface_of(GAP, other) is other
         above = piece.with_vertices(piece.vertices_m + 0.01 * piece.normal)
-        assert surface_of(terrain, above) is above
+        assert surface_of(GAP, above) is above
 
 
 def test_of_two_surfaces_in_one_plane_a_leap_leaves_from_the_one_that_holds_the_piece() -> None:
-    patch = family_terrain("gaps", 0.4, 0).standing[0][1]
+    patch = GAP.standing[0][1]
     centre, side = patch.centre_m, np.array([0.1, 0.0, 0.0])
     short = patch.with_vertices(centre + 0.5 * (patch.vertices_m - centre))
     piece = Surface(short, 0.0).window(short.centre_m, 0.04)
