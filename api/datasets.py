@@ -194,52 +194,6 @@ def _screen(given: Any, error: float | None) -> tuple[Surrogate | None, float | 
     return surrogate_of(given), float(error)
 
 
-def export_scenes(
-    family: str,
-    folder: str | Path,
-    count: int = 1,
-    *,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> list[str]:
-    """Write scenes of a terrain family for other simulators: heights, surfaces, and whether the
-    hexapod has a plan.
-
-    Raises InvalidInput.
-
-    Arguments:
-        family: FAMILY:LEVEL as in "stairs:0.6".
-        folder: a new or empty folder.
-        seed: seed of the first scene; the others follow.
-        progress: called with the numbers of scenes written and of all.
-
-    Returns:
-        The status of each scene.
-    """
-    from stancekit.learners.data import leap_tries
-    from stancekit.planners.plugins import split_name
-    from stancekit.planners.search.two_stage import TwoStage
-    from stancekit.planners.terrain.families import drawn_name
-
-    name, numbers = split_name(family)
-    try:
-        level = float(":".join(numbers)) if drawn_name(family) else None
-    except ValueError:
-        level = None
-    if level is None:
-        raise InvalidInput(f"export: expected FAMILY:LEVEL as in stairs:0.6, got {family!r}")
-    index = leap_tries.export_scenes(
-        Path(folder),
-        name,
-        level,
-        count=count,
-        planner=TwoStage(),
-        seed=seed,
-        progress=progress,
-    )
-    return [scene["status"] for scene in index["scenes"]]
-
-
 def _leaps(
     name: str,
     folder: str | Path,

@@ -41,14 +41,11 @@ class Sample:
     """Draw posture problems from a distribution, one JSON object a line.
 
     The output is what `stancekit solve` reads. Equal seeds give equal problems.
-
-    Of a terrain family at a level, as stairs:0.6, scenes are written into a folder (--export):
-    heights, surfaces, and whether the hexapod has a plan there.
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
     """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package
-    brings, a YAML file, FILE.py:NAME; or FAMILY:LEVEL with --export."""
+    brings, a YAML file, or FILE.py:NAME."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra robots); else the
     default hexapod."""
@@ -61,8 +58,6 @@ class Sample:
     """Seed of the random stream."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File to write; standard output where there is none."""
-    export: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
-    """New or empty folder for the scenes of a family."""
     json: bool = False
     """Say what was written to a file as one JSON object."""
 
@@ -74,8 +69,6 @@ class Sample:
 
         checked_int(self.count, "--count", least=1, most=_MOST)
         checked_int(self.seed, "--seed", least=0)
-        if self.export is not None:
-            return self._export(self.export)
         source = distribution(self.problem, robot=self.robot, terrain=self.terrain)
         records = (problem.to_json() for problem in drawn(source, self.count, self.seed))
         if self.out is None:
@@ -88,24 +81,6 @@ class Sample:
             self.json,
             {"out": str(self.out), "problem_class": source.name, "problems": self.count},
             f"{self.out}: {self.count} problem(s) of {source.name}",
-        )
-        return 0
-
-    def _export(self, folder: Path) -> int:
-        """Write the scenes of a family."""
-        from stancekit.datasets import export_scenes
-
-        check_unused(self, ("robot", "terrain", "out"), "--export")
-        with as_options("export"), progress("scenes") as bar:
-            statuses = export_scenes(self.problem, folder, self.count, seed=self.seed, progress=bar)
-        counts = {
-            status: statuses.count(status) for status in ("feasible", "infeasible", "undecided")
-        }
-        text = ", ".join(f"{number} {status}" for status, number in counts.items())
-        tell(
-            self.json,
-            {"out": str(folder), "scenes": self.count, **counts},
-            f"{folder}: {self.count} scene(s) of {self.problem}: {text}",
         )
         return 0
 

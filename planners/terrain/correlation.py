@@ -8,8 +8,9 @@ of it to those that are farther apart than it reaches. Real bumps of that size l
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,21 +27,19 @@ from scipy.special import chdtri
 
 from ..arguments import cached_property
 from ..files.arrays import Array
-from .elevation import LAYER_M, ElevationMap
+from .elevation import BESIDE, LAYER_M, ElevationMap
 
 _QUIETEST = (0.04, 0.12, 0.35)
 """Quantiles of the residuals of small windows from which the noise is estimated, the least: no edge
 crosses those."""
-_POINTS_PER_CELL = 2.0
 _FINEST_M = 0.01
 """Side of the smallest cell of a cloud [m]."""
 
-_FEW = 3
-"""Squares of so many cells a side are summed cell by cell, which is quicker."""
+_FEW, _STRIP = 3, 1 << 14
+"""Squares of so many cells a side are summed cell by cell, which is quicker; and so many cells are
+looked at at once."""
 
 Labels = NDArray[np.int_]
-BESIDE = ((np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1]))
-"""Along each axis the cells that have one before them, and those."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,21 +70,21 @@ class GroundCells:
         one = known.astype(np.float64)
         i, j = one * np.indices(z.shape)
         return cls(
-            moments=moments_of(one, i, j, z),
+            moments=by_strips(moments_of, one, i, j, z),
             corner_m=np.array([terrain.x_m[0], terrain.y_m[0], lowest]),
             spacing_m=terrain.spacing_m,
         )
 
     @classmethod
-    def of_points(cls, points_m: Array, coarsest_m: float, noise_m: float) -> GroundCells:
-        """The upper side of a cloud, shape (K, 3), about two points per cell and no cell wider than
-        ``coarsest_m``.
+    def of_points(
+        cls, points_m: Array, coarsest_m: float, noise_m: float, per_cell: float = 2.0
+    ) -> GroundCells:
+        """The upper side of a cloud, shape (K, 3), about so many points per cell and no cell wider
+        than ``coarsest_m``.
         """
         low, high = points_m.min(axis=0), points_m.max(axis=0)
         area = max(float(np.prod(high[:2] - low[:2])), coarsest_m**2)
-        spacing = min(
-            max(float(np.sqrt(_POINTS_PER_CELL * area / len(points_m))), _FINEST_M), coarsest_m
-        )
+        spacing = min(max(float(np.sqrt(per_cell * area / len(points_m))), _FINEST_M), coarsest_m)
         places = (points_m[:, :2] - low[:2]) / spacing
         cells = np.round(places).astype(np.int64)
         shape = tuple((cells.max(axis=0) + 1).tolist())
@@ -123,9 +122,21 @@ class GroundCells:
             self.known, self.moments[2] / one, j
         )
 
+    @cached_property
+    def _summed(self) -> list[tuple[Labels, Array]]:
+        """The labels whose sums were asked for last, and these."""
+        return []
+
+    def sums(self, labels: Labels) -> Array:
+        """Moments of each surface, of whose cells these are the labels, shape (10, S)."""
+        if not (self._summed and np.array_equal(self._summed[0][0], labels)):
+            sums = sums_of(labels, self.moments, int(labels.max(initial=-1)) + 1)
+            self._summed[:] = [(labels.copy(), sums)]
+        return self._summed[0][1]
+
     def only(self, wanted: NDArray[np.bool_]) -> GroundCells:
         """Cells without the samples of other cells."""
-        return replace(self, moments=self.moments * wanted)
+        return self if wanted[self.known].all() else replace(self, moments=self.moments * wanted)
 
     def weighed(self, weight: float) -> GroundCells:
         """Cells whose samples count so much each."""
@@ -136,8 +147,7 @@ class GroundCells:
         no edge crosses.
         """
         one, *_ = sums = boxed(self.moments, 3)
-        _, rms = solved(about(sums, *np.indices(one.shape, dtype=np.float64)))
-        freedom = np.round(one) - 3.0
+        rms, freedom = rms_about(sums), np.round(one) - 3.0
         enough = freedom >= 3.0
         if np.count_nonzero(enough) < 20:
             return 0.0
@@ -162,22 +172,63 @@ def connected(one: Labels, other: Labels, count: int) -> tuple[int, Labels]:
     return int(number), np.asarray(part, dtype=np.int_)
 
 
-def boxed(moments: Array, side: int) -> Array:
-    """Sums over squares of ``side`` cells about each cell, nothing beyond the border; shape as that
-    of moments.
+def hanging_together(down: NDArray[np.bool_], right: NDArray[np.bool_]) -> Labels:
+    """The part of each cell of a grid, numbered in the order of their first cells, shape (n, m).
+
+    Arguments:
+        down: cells that hang together with those a row before them, shape (n − 1, m).
+        right: with those a column before them, shape (n, m − 1).
     """
-    if side > _FEW:
-        for axis in (-2, -1):
-            moments = uniform_filter1d(moments, side, axis=axis, mode="constant")
-        return np.asarray(moments * side**2)
-    sums = moments
-    for axis in (-2, -1):
-        whole, sums = np.moveaxis(sums, axis, 0), np.zeros_like(sums)
-        total = np.moveaxis(sums, axis, 0)
-        for shift in range(-(side // 2), side - side // 2):
-            ahead, behind = max(shift, 0), max(-shift, 0)
-            total[behind : len(total) - ahead] += whole[ahead : len(total) - behind]
-    return np.asarray(sums)
+    first = np.pad(~right, ((0, 0), (1, 0)), constant_values=True)
+    run = np.cumsum(first).reshape(first.shape) - 1
+    pairs = np.stack([run[:-1][down], run[1:][down]])
+    pairs = pairs[:, np.any(np.diff(pairs, prepend=-1), axis=0)]
+    return np.asarray(connected(pairs[0], pairs[1], int(run[-1, -1]) + 1)[1][run])
+
+
+def boxed(moments: Array, side: int, beside: int = 0) -> Array:
+    """Sums over squares of ``side`` cells about each cell, nothing beyond the border, shape
+    (K, n, m) as that of moments; with so many cells of zeros about them.
+    """
+    n, m = moments.shape[1:]
+    sums = np.zeros((len(moments), n + 2 * beside, m + 2 * beside))
+    for values, total in zip(moments, sums, strict=True):
+        if side > _FEW:
+            for axis in (0, 1):
+                values = uniform_filter1d(values, side, axis=axis, mode="constant")
+            values = values * side**2
+        else:
+            values = _slid(_slid(values, side).T, side).T
+        total[beside : beside + n, beside : beside + m] = values
+    return sums
+
+
+def _slid(values: Array, side: int) -> Array:
+    """Sums over so many rows about each row."""
+    total = np.zeros_like(values)
+    for shift in range(-(side // 2), side - side // 2):
+        ahead, behind = max(shift, 0), max(-shift, 0)
+        total[behind : len(total) - ahead] += values[ahead : len(total) - behind]
+    return total
+
+
+def by_strips(function: Callable[..., Array], *arrays: NDArray[Any]) -> Array:
+    """Results of a function that looks at each cell by itself, of arrays of shape (…, n, m), some
+    rows at a time, with which a processor is far quicker.
+    """
+    n, m = arrays[0].shape[-2:]
+    rows, whole = max(_STRIP // m, 1), np.zeros(0)
+    for k in range(0, n, rows):
+        strip = function(*(each[..., k : k + rows, :] for each in arrays))
+        whole = whole if k else np.empty((*strip.shape[:-2], n, m))
+        whole[..., k : k + rows, :] = strip
+    return whole
+
+
+def rms_about(moments: Array) -> Array:
+    """The rms of samples off the planes of sums about each cell, shape (n, m) [m]."""
+    places = np.indices(moments.shape[1:], dtype=np.float64)
+    return by_strips(lambda sums, i, j: solved(about(sums, i, j))[1], moments, *places)
 
 
 def about(moments: Array, i: Array, j: Array) -> Array:
@@ -235,7 +286,7 @@ def fitted(labels: Labels, cells: GroundCells) -> tuple[Array, Array, Array]:
     """The plane (a, b, c) of every surface with places in cells, shape (S, 3), its rms and how many
     samples it has.
     """
-    sums = sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
+    sums = cells.sums(labels)
     planes, rms = solved(sums)
     return planes.T, rms, sums[0]
 
@@ -250,9 +301,13 @@ def sums_off(labels: Labels, cells: GroundCells, planes: Array | None = None) ->
     planes = fitted(labels, cells)[0] if planes is None else planes
     if not len(planes):
         return np.zeros((2, *labels.shape))
-    a, b, c = planes[np.maximum(labels, 0)].transpose(2, 0, 1)
-    one, x, y, z = (np.where(labels >= 0, cells.moments[k], 0.0) for k in (0, 1, 2, 6))
-    return np.stack([one, z - a * x - b * y - c * one])
+
+    def off(labels: Labels, moments: Array) -> Array:
+        a, b, c = planes.T[:, np.maximum(labels, 0)]
+        one, x, y, z = (np.where(labels >= 0, moments[k], 0.0) for k in (0, 1, 2, 6))
+        return np.stack([one, z - a * x - b * y - c * one])
+
+    return by_strips(off, labels, cells.moments)
 
 
 def residuals(labels: Labels, cells: GroundCells, planes: Array | None = None) -> Array:
@@ -285,11 +340,9 @@ def block_squares(
     a, b, c = planes[number].T
     rest = z - a * x - b * y - c * one
     wide = labels.shape[1] // side + 2
-    _, block = np.unique(
-        (number * (labels.shape[0] // side + 2) + i // side) * wide + j // side, return_inverse=True
-    )
-    owner = np.zeros(int(block.max(initial=-1)) + 1, dtype=np.int_)
-    owner[block] = number
+    key = (number * (labels.shape[0] // side + 2) + i // side) * wide + j // side
+    _, first, block = np.unique(key, return_index=True, return_inverse=True)
+    owner = number[first]
     weight = np.bincount(block, weights=one)
     square = np.asarray(
         np.bincount(block, weights=rest) ** 2 / np.where(weight > 0.0, weight, 1.0),

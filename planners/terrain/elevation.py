@@ -13,6 +13,8 @@ from ..files.arrays import LARGEST, Array
 from .heightfield import FEWEST, MOST_POINTS, WIDEST_M, HeightField, grid_lines
 from .import_options import OTHER_UNIT, Holes
 
+BESIDE = ((np.s_[1:, :], np.s_[:-1, :]), (np.s_[:, 1:], np.s_[:, :-1]))
+"""Along each axis the cells that have one before them, and those."""
 LAYER_M = 0.05
 """Points of a cell this far below its highest one are of the surface seen from above [m]."""
 _FARTHEST = 1e15
@@ -256,7 +258,7 @@ def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
     number[hole] = np.arange(hole.sum())
     diagonal, known = np.zeros(hole.sum()), np.zeros(hole.sum())
     rows, columns = list[NDArray[np.int_]](), list[NDArray[np.int_]]()
-    for here, there in _neighbours(hole.ndim):
+    for here, there in (way for one, other in BESIDE for way in ((other, one), (one, other))):
         mine, theirs, value = number[here].ravel(), number[there].ravel(), heights[there].ravel()
         of_hole, border = (mine >= 0) & (theirs >= 0), (mine >= 0) & (theirs < 0)
         diagonal += np.bincount(mine[mine >= 0], minlength=len(diagonal))
@@ -272,13 +274,3 @@ def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
     filled = heights.copy()
     filled[hole] = spsolve(coo_array((values, places), shape=(count, count)).tocsc(), known)
     return filled
-
-
-def _neighbours(axes: int) -> list[tuple[tuple[slice, ...], tuple[slice, ...]]]:
-    """Slices of an array, and of the neighbours along each axis and each way."""
-    pairs = []
-    for axis in range(axes):
-        low, high = ([slice(None)] * axes for _ in range(2))
-        low[axis], high[axis] = slice(None, -1), slice(1, None)
-        pairs += [(tuple(low), tuple(high)), (tuple(high), tuple(low))]
-    return pairs

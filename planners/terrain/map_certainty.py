@@ -11,7 +11,6 @@ import numpy as np
 
 from ..files.arrays import Array
 from .correlation import (
-    BESIDE,
     GroundCells,
     Labels,
     block_squares,
@@ -21,6 +20,7 @@ from .correlation import (
     sums_of,
     sums_off,
 )
+from .elevation import BESIDE
 from .footholds import TerrainPatch
 from .patch import Certainty
 from .polygon import half_planes

@@ -7,6 +7,7 @@ pieces.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 from contourpy import contour_generator
 from numpy.typing import NDArray
-from scipy.ndimage import find_objects
+from scipy.ndimage import binary_closing, find_objects
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -22,9 +23,11 @@ from .correlation import (
     GroundCells,
     Labels,
     Noise,
+    boxed,
     correlated_noise,
     fitted,
     inside,
+    mean_square,
     noise_of_residuals,
     renumbered,
 )
@@ -45,10 +48,11 @@ from .noisy_surfaces import (
     COARSE_SD_M,
     LARGEST_M,
     QUIET,
+    apart,
     correlated_surfaces,
     noisy_surfaces,
 )
-from .patch import Certainty, Patch
+from .patch import FOR_BODIES_M, Certainty, Patch
 from .polygon import SMALLEST_M
 
 _HIDDEN = 0.5
@@ -57,8 +61,17 @@ _EXACT = 0.04
 """Heights without noise are looked at as if they had so little, in shares of the roughness."""
 _FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
+_ROUNDED_M, _ON_PLANES, _BY_CHANCE = 1e-4, 0.98, 4.0
+"""Points of a cloud without noise are off planes by no more [m], in files of four digits; this share of the cells
+within surfaces; and so many of 3 × 3 cells have no point by chance; their cells have three points, not two.
+"""
 _STRAIGHT = 0.25
 """The outline that bodies keep out of is made simpler by no more than this, in cells."""
+_OWN = 1.0 - 1e-3
+"""Share of a surface's cells in the ground between them, as rounded."""
+_DEEP = 0.4
+"""Foreign cells so deep within that outline, in cells, are in gaps that it closes over: beside a straight
+edge they are less."""
 _POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
@@ -127,6 +140,8 @@ def _planes_of(
     _check_noise(terrain.name, cells, limits)
     noisy = cells.sparse or noise_m > QUIET * limits.roughness_m
     labels, unseen_m = _labelled(cells, limits, noise)
+    if noisy and noise_m <= _ROUNDED_M:
+        labels, noisy = _exact(labels, cells)
     white_m = noise_m if noisy else 0.0
     rungs = [] if noise.correlated else map_rungs(labels, cells, white_m, limits.slope_rad)
     barred = np.any([rung.cells for rung in rungs], axis=0) if rungs else np.zeros_like(known)
@@ -164,14 +179,15 @@ def _planes_of(
         sure = roughnesses(labels, cells, limits.inset_m, planes, rms)
     counted = cells.moments[0] if terrain.samples is None or cells.sparse else terrain.samples
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
-    padded = np.pad(labels, 1, constant_values=-1)
-    for number, where in enumerate(find_objects(labels + 1)):
-        if not (flat[number] and level[number]):
+    padded, inset = np.pad(labels, 1, constant_values=-1), 0.5 + 0.5 * (cells.sparse and not noisy)
+    gapped = set[int]() if noisy else _gapped(padded)
+    for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
+        if where is None or not (flat[number] and level[number]):
             continue
         a, b, c = planes[number]
         normal = normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
         plane = Plane.through(cells.corner_m + np.array([0.0, 0.0, c]), normal)
-        simple, whole = _outline(padded, number, where)
+        simple, whole = _outline(padded, number, where, inset)
         outline = _on_plane(simple, plane, spacing)
         samples = round(float(counted[where][labels[where] == number].sum()) / cells.weight)
         kept = sure[number]  # of its inset, the outline keeps half a cell
@@ -195,8 +211,18 @@ def _planes_of(
         own = row, np.argmax(labels[row] == number)
         wider, widest = _widest(kept, cells, limits, noisy, own)
         outer = whole.buffer(wider, join_style="mitre").simplify(_STRAIGHT)
-        around = replace(facet, polygon=_on_plane(outer, plane, spacing))
-        surfaces += [each.with_certainty(widest) for each in around.patches(SMALLEST_M, friction)]
+        outlines, between = [(outer, widest)], None
+        if number in gapped:
+            between = _between(padded, number, where, outer)
+        if between is not None:
+            aside_m = widest.about_m + 0.5 * spacing
+            carries = between, replace(widest, about_m=aside_m, wider_m=0.0)
+            outlines = [carries, (outer, replace(widest, wider_m=FOR_BODIES_M))]
+        for polygon, known_so in outlines:
+            around = replace(facet, polygon=_on_plane(polygon, plane, spacing))
+            surfaces += [
+                each.with_certainty(known_so) for each in around.patches(SMALLEST_M, friction)
+            ]
         refused["edge"] += max(float(area_m2[number]) - outline.area, 0.0)
     for number, rung in enumerate(rungs, len(planes)):
         lines = rung.pieces(number, limits, friction)
@@ -228,6 +254,18 @@ def _labelled(cells: GroundCells, limits: FootholdLimits, noise: Noise) -> tuple
         return correlated_surfaces(cells, limits, least)
     exact_m = _EXACT * limits.roughness_m
     return noisy_surfaces(cells, limits, max(noise.deviation_m, exact_m)), 0.0
+
+
+def _exact(labels: Labels, cells: GroundCells) -> tuple[Labels, bool]:
+    """Labels of a cloud whose points are on planes but for rounding, without the cells that have
+    others, and False; else the labels, and True.
+    """
+    within, empty = inside(labels), np.array([~cells.known], dtype=np.float64)
+    planes = np.pad(fitted(np.where(within, labels, -1), cells)[0], ((0, labels.max() + 2), (0, 0)))
+    off_m2 = mean_square(planes.T[:, labels], cells.moments)
+    on = (off_m2 <= _ROUNDED_M**2) & (cells.known | (boxed(empty, 3)[0] <= _BY_CHANCE))
+    exact = on[within].sum() > _ON_PLANES * within.sum()
+    return (apart(np.where(on, labels, -1)), False) if exact else (labels, True)
 
 
 def _widest(
@@ -279,15 +317,28 @@ def _narrow(heights: Array, left: NDArray[np.bool_], within_m: float) -> NDArray
     """Cells without a fitted surface whose ground goes on straight to both sides along a line: strips
     that are too narrow to fit a plane to.
     """
-    n, m = heights.shape
     padded = np.pad(np.where(left, heights, np.nan), 1, constant_values=np.nan)
-    narrow = np.zeros((n, m), dtype=bool)
-    for u, v in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        ahead = padded[1 + u : 1 + u + n, 1 + v : 1 + v + m]
-        back = padded[1 - u : 1 - u + n, 1 - v : 1 - v + m]
+    narrow = np.zeros(heights.shape, dtype=bool)
+    for ahead, back in _both_sides(padded):
         with np.errstate(invalid="ignore"):
             narrow |= left & (np.abs(ahead + back - 2.0 * heights) <= 2.0 * within_m)
     return narrow
+
+
+def _both_sides(padded: NDArray[Any]) -> Iterator[tuple[NDArray[Any], NDArray[Any]]]:
+    """What is of the cells to both sides of each along a row, a column and the diagonals."""
+    n, m = np.subtract(padded.shape, 2)
+    for u, v in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        ahead = padded[1 + u : 1 + u + n, 1 + v : 1 + v + m]
+        yield ahead, padded[1 - u : 1 - u + n, 1 - v : 1 - v + m]
+
+
+def _gapped(padded: Labels) -> set[int]:
+    """The surfaces to both sides of a cell that is not of them."""
+    found, labels = set[int](), padded[1:-1, 1:-1]
+    for ahead, back in _both_sides(padded):
+        found.update(np.unique(ahead[(ahead == back) & (ahead != labels)]).tolist())
+    return found
 
 
 def _cells_of(
@@ -305,7 +356,9 @@ def _cells_of(
         if stated_m is None:  # the upper side is cut by the noise, so that it is estimated twice
             noise_m = GroundCells.of_points(terrain.points_m, spacing, 0.0).noise_m()
             noise_m = GroundCells.of_points(terrain.points_m, spacing, noise_m).noise_m()
-        cells = GroundCells.of_points(terrain.points_m, spacing, noise_m)
+        cells = GroundCells.of_points(
+            terrain.points_m, spacing, noise_m, 2.0 + (noise_m <= _ROUNDED_M)
+        )
     noise = heard
     if noise is None and stated_m != 0.0:
         noise = correlated_noise(cells, stated_m)
@@ -320,23 +373,48 @@ def _counted(cells: GroundCells, noise: Noise) -> GroundCells:
     return cells.weighed(1.0 / noise.samples_alike(per_m2))
 
 
-def _outline(padded: Labels, number: int, where: tuple[slice, ...]) -> tuple[Any, Any]:
-    """A surface's cells as polygons, in cells: what is half a cell inside of the line half way to
+def _outline(
+    padded: Labels, number: int, where: tuple[slice, ...], inset: float
+) -> tuple[Any, Any]:
+    """A surface's cells as polygons, in cells: what is so far inside of the line half way to
     foreign cells, which is straightened by as much; and what is within that line.
 
     Arguments:
         padded: the surface of each cell, −1 for none, and −1 about them all.
         where: the cells among which the surface is, not padded.
+        inset: half a cell, and one where samples may be half a cell inside of the last cells.
     """
-    shapely = shapely_module()
-    first = np.array([side.start for side in where])
-    mask = padded[tuple(slice(side.start, side.stop + 2) for side in where)] == number
-    lines = contour_generator(z=mask.T.astype(np.float64), fill_type="OuterOffset").filled(0.5, 1.5)
-    whole = list[Any]()
-    for points, offsets in zip(*lines, strict=True):
-        outer, *holes = (points[a:b] - 1.0 + first for a, b in pairwise(offsets.tolist()))
-        whole.append(shapely.Polygon(outer, holes))
-    return shapely.union_all([_inner(each) for each in whole]), shapely.MultiPolygon(whole)
+    shapely, (mask, first) = shapely_module(), _mask(padded, number, where)
+    whole = _filled(mask, 0.5, first)
+    return shapely.union_all([_inner(each, inset) for each in whole]), shapely.MultiPolygon(whole)
+
+
+def _between(padded: Labels, number: int, where: tuple[slice, ...], outer: Any) -> Any:
+    """What is between cells of a surface, in cells; None unless an outline closes over foreign
+    cells in its gaps.
+    """
+    shapely, (mask, first) = shapely_module(), _mask(padded, number, where)
+    places = np.argwhere(binary_closing(mask, np.ones((3, 3), dtype=bool)) > mask) + first
+    gaps = shapely.points(places[shapely.contains_xy(outer, *places.T)])
+    if not np.any(shapely.distance(outer.boundary, gaps) > _DEEP):
+        return None
+    return shapely.MultiPolygon(_filled(mask, _OWN, first)).simplify(_STRAIGHT)
+
+
+def _mask(padded: Labels, number: int, where: tuple[slice, ...]) -> tuple[NDArray[np.bool_], Array]:
+    """Which cells are of a surface, with one more about them all, and the first of them."""
+    first = np.array([side.start for side in where]) - 1.0
+    return padded[tuple(slice(side.start, side.stop + 2) for side in where)] == number, first
+
+
+def _filled(mask: NDArray[np.bool_], share: float, first: Array) -> list[Any]:
+    """The polygons of which so large a share at the least is of some cells."""
+    polygons = list[Any]()
+    lines = contour_generator(z=mask.T.astype(np.float64), fill_type="OuterOffset")
+    for points, offsets in zip(*lines.filled(share, 1.5), strict=True):
+        outer, *holes = (points[a:b] + first for a, b in pairwise(offsets.tolist()))
+        polygons.append(shapely_module().Polygon(outer, holes))
+    return polygons
 
 
 def _on_plane(polygon: Any, plane: Plane, spacing: float) -> Any:
@@ -350,14 +428,14 @@ def _on_plane(polygon: Any, plane: Plane, spacing: float) -> Any:
     return shapely_module().transform(polygon, moved)
 
 
-def _inner(polygon: Any) -> Any:
-    """An outline in cells made simpler, half a cell inside of itself at the least:
+def _inner(polygon: Any, inset: float) -> Any:
+    """An outline in cells made simpler, so far inside of itself at the least:
     convex where it nearly is.
     """
     shapely, hull = shapely_module(), polygon.convex_hull
     pocket = shapely.hausdorff_distance(polygon.boundary, hull.boundary)
     if pocket <= _POCKET:
-        return hull.buffer(-max(pocket, 0.5), join_style="mitre").simplify(0.05)
+        return hull.buffer(-max(pocket, inset), join_style="mitre").simplify(0.05)
     return (
         polygon.buffer(-0.5, join_style="mitre")
         .simplify(_POCKET)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, distance_transform_edt
 
 from ..files.arrays import Array
-from .correlation import GroundCells, Labels, connected, inside
+from .correlation import GroundCells, Labels, hanging_together, inside, renumbered
+from .elevation import BESIDE
 from .footholds import FootholdLimits, Rung, TerrainPatch, held_on_both_sides
 from .patch import Certainty, Patch
 
@@ -109,21 +110,15 @@ def map_rungs(
     spacing = cells.spacing_m
     free = cells.known & ~_wide(labels, spacing)
     i, j = np.nonzero(free)
-    number = np.full(free.shape, -1)
-    number[i, j] = np.arange(len(i))
-    heights = cells.heights
-    most = (
-        _STEEPEST * spacing + _NOISES * noise_m / np.sqrt(max(cells.moments[0][free].mean(), 1.0))
-        if len(i)
-        else 0.0
-    )
-    pairs = list[NDArray[np.int_]]()
-    for one, other in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        with np.errstate(invalid="ignore"):
-            near = free[one] & free[other] & (np.abs(heights[one] - heights[other]) <= most)
-        pairs.append(np.stack([number[one][near], number[other][near]], axis=1))
-    one, other = np.concatenate(pairs).T
-    count, group = connected(one, other, len(i))
+    heights, dense = cells.heights, max(cells.moments[0][free].sum() / max(len(i), 1), 1.0)
+    most = _STEEPEST * spacing + _NOISES * noise_m / np.sqrt(dense)
+    with np.errstate(invalid="ignore"):
+        near = (
+            free[one] & free[other] & (np.abs(heights[one] - heights[other]) <= most)
+            for one, other in BESIDE
+        )
+        group = renumbered(np.where(free, hanging_together(*near), -1))[i, j]
+    count = int(group.max(initial=-1)) + 1
     x, y = (each[i, j] for each in cells.places)
     places = np.column_stack([spacing * x, spacing * y, heights[i, j]]) + cells.corner_m
     weights = cells.moments[0][i, j] / cells.weight

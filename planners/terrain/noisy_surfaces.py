@@ -20,25 +20,27 @@ from scipy.ndimage import maximum_filter
 
 from ..files.arrays import Array
 from .correlation import (
-    BESIDE,
     GroundCells,
     Labels,
     Noise,
     about,
     block_squares,
     boxed,
-    connected,
+    by_strips,
     fitted,
     half_window,
+    hanging_together,
     hidden_edges,
     mean_square,
     moments_of,
     renumbered,
     residuals,
+    rms_about,
     solved,
     sums_of,
     sums_off,
 )
+from .elevation import BESIDE
 from .footholds import FootholdLimits
 from .map_certainty import LEAST_STEP_M
 
@@ -213,8 +215,7 @@ def _between_edges(cells: GroundCells, near_m: float) -> Labels:
     cells are off them by more than noise is that is alike in neighbours.
     """
     sums = boxed(cells.moments, 3) / cells.weight
-    rms = solved(about(sums, *np.indices(cells.known.shape, dtype=np.float64)))[1]
-    squares, freedom = rms**2 * sums[0], np.maximum(sums[0] - 3.0, 1.0)
+    squares, freedom = rms_about(sums) ** 2 * sums[0], np.maximum(sums[0] - 3.0, 1.0)
     inside = cells.known & (squares <= _SURE / 6.0 * near_m**2 * freedom)
     return apart(np.where(inside, 0, -1))
 
@@ -275,45 +276,48 @@ def _around(
 
 def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: float) -> Labels:
     """Surfaces by the best square about each cell, of 3 × 3 blocks of this side in cells."""
-    blocks = boxed(cells.moments, side)
+    padded = boxed(cells.moments, side, side)
     shifts = [(side * u, side * v) for u in (-1, 0, 1) for v in (-1, 0, 1)]
-    padded = np.pad(blocks, ((0, 0), (side, side), (side, side)))
     n, m = cells.known.shape
-    parts = {(u, v): padded[:, side + u : side + u + n, side + v : side + v + m] for u, v in shifts}
+    parts = (padded[:, side + u : side + u + n, side + v : side + v + m] for u, v in shifts)
     i, j = np.indices((n, m), dtype=np.float64)
-    total = sum(parts.values(), start=np.zeros(blocks.shape))
-    (a, b, c), rms = solved(about(total, i, j))
-    count = np.maximum(total[0], cells.weight)
-    off = np.zeros((n, m))
-    for way in shifts:
-        one, x, y, z = (parts[way][k] for k in (0, 1, 2, 6))
-        rest = z - a * (x - i * one) - b * (y - j * one) - c * one
-        off += rest**2 / np.maximum(one, cells.weight)
+
+    def fit(i: Array, j: Array, *blocks: Array) -> Array:
+        total = sum(blocks, start=np.zeros(blocks[0].shape))
+        (a, b, c), rms = solved(about(total, i, j))
+        off = np.zeros(i.shape)
+        for one, x, y, z in (block[[0, 1, 2, 6]] for block in blocks):
+            rest = z - a * (x - i * one) - b * (y - j * one) - c * one
+            off += rest**2 / np.maximum(one, cells.weight)
+        return np.stack([total[0], a, b, c, rms, off])
+
+    number, a, b, c, rms, off = by_strips(fit, i, j, *parts)
+    count = np.maximum(number, cells.weight)
     variance = noise_m**2
     slope = np.hypot(a, b) / cells.spacing_m
     spread = cells.spacing_m * side * np.sqrt(6.0 / 9.0)  # of places in a square along an axis
     slope_sd = noise_m / (spread * np.sqrt(count))
-    fits = (total[0] >= _FEWEST) & (off / count <= limits.roughness_m**2 + _SURE * variance / count)
+    fits = (number >= _FEWEST) & (off / count <= limits.roughness_m**2 + _SURE * variance / count)
     fits &= rms <= np.hypot(limits.roughness_m, noise_m) * (1.0 + 3.0 / np.sqrt(2.0 * count))
     fits &= slope <= np.tan(min(limits.slope_rad + TURN_RAD, 1.5)) + 3.0 * slope_sd
     score = np.where(fits, (off + 6.0 * variance) / count, np.inf)
     best = np.full((n, m), np.inf)
-    plane, deviation = np.zeros((3, n, m)), np.zeros((2, n, m))
+    away = np.zeros((2, n, m), dtype=np.int_)
     for u, v in sorted(shifts, key=lambda way: abs(way[0]) + abs(way[1])):
         here, there = zip(_overlap(n, u), _overlap(m, v), strict=True)
         better = score[there] < best[here] * (0.9 if (u, v) != (0, 0) else 1.0)
         np.copyto(best[here], score[there], where=better)
-        planes = np.stack([a[there], b[there], c[there] - a[there] * u - b[there] * v])
-        np.copyto(plane[:, *here], planes, where=better)
-        lever = np.sqrt(1.0 + 1.5 * (abs(u) + abs(v)) / side)
-        wide = np.stack([lever * noise_m / np.sqrt(count[there]), slope_sd[there]])
-        np.copyto(deviation[:, *here], wide, where=better)
+        np.copyto(away[:, *here], np.reshape([u, v], (2, 1, 1)), where=better)
+    at = np.arange(n * m).reshape(n, m) + m * away[0] + away[1]
+    a, b, c, count, slope_sd = (each.ravel()[at] for each in (a, b, c, count, slope_sd))
+    plane = np.stack([a, b, c - a * away[0] - b * away[1]])
+    lever = np.sqrt(1.0 + 1.5 * np.abs(away).sum(axis=0) / side)
+    deviation = np.stack([lever * noise_m / np.sqrt(count), slope_sd])
     ground = cells.known & np.isfinite(best)
-    pairs = [_continued(plane, deviation, ground, axis, cells.spacing_m, limits) for axis in (0, 1)]
-    left, right = map(np.concatenate, zip(*pairs, strict=True))
-    return renumbered(
-        np.where(ground, connected(left, right, ground.size)[1].reshape(ground.shape), -1)
+    goes_on = (
+        _continued(plane, deviation, ground, axis, cells.spacing_m, limits) for axis in (0, 1)
     )
+    return renumbered(np.where(ground, hanging_together(*goes_on), -1))
 
 
 def _overlap(count: int, shift: int) -> tuple[slice, slice]:
@@ -330,19 +334,20 @@ def _continued(
     axis: int,
     spacing: float,
     limits: FootholdLimits,
-) -> tuple[Labels, Labels]:
-    """Pairs of neighbouring cells along an axis whose planes go on in one another, in view of their
+) -> NDArray[np.bool_]:
+    """Tell whose planes go on in those of the cells before them along an axis, in view of their
     deviations.
     """
     there, here = BESIDE[axis]
     (a, b, c), (d, e, f) = plane[:, *here], plane[:, *there]
     wide, turning = np.hypot(deviation[:, *here], deviation[:, *there])
-    bend = np.hypot(a - d, b - e) / spacing
     rise = np.abs(f - c - 0.5 * ((a + d) if axis == 0 else (b + e)))
     fits = ground[here] & ground[there] & (rise <= OFF * np.hypot(limits.roughness_m, wide))
-    fits &= bend <= TURN_RAD * (1.0 + (a * a + b * b) / spacing**2) + 3.0 * turning
-    index = np.arange(ground.size).reshape(ground.shape)
-    return index[here][fits], index[there][fits]
+    fits &= (
+        np.hypot(a - d, b - e) / spacing
+        <= TURN_RAD * (1.0 + (a * a + b * b) / spacing**2) + 3.0 * turning
+    )
+    return np.asarray(fits)
 
 
 def _misfits(
@@ -452,11 +457,7 @@ def _halves_of(number: Labels, x: Array, y: Array, count: int) -> Labels:
 
 def apart(key: Labels) -> Labels:
     """Labels anew, of which what does not hang together is apart."""
-    index = np.arange(key.size).reshape(key.shape)
-    down, right = key[:-1] == key[1:], key[:, :-1] == key[:, 1:]
-    one = np.concatenate([index[:-1][down], index[:, :-1][right]])
-    other = np.concatenate([index[1:][down], index[:, 1:][right]])
-    part = connected(one, other, key.size)[1].reshape(key.shape)
+    part = hanging_together(*(key[each] == key[before] for each, before in BESIDE))
     return renumbered(np.where(key >= 0, part, -1))
 
 
@@ -483,7 +484,7 @@ def _joined(
     """Neighbouring surfaces made one while one plane fits both as well as two, the most alike
     first.
     """
-    pairs, sums = _touching(labels), sums_of(labels, cells.moments, int(labels.max(initial=-1)) + 1)
+    pairs, sums = _touching(labels), cells.sums(labels)
     whose = np.arange(sums.shape[1])
     for _ in range(_JOINED):
         if not pairs.size:
@@ -561,7 +562,7 @@ def _rejoined(labels: Labels, cells: GroundCells, noise_m: float) -> Labels:
     for _ in range(_JOINED):
         if not pairs.size:
             break
-        keys, of = np.unique(keys, return_inverse=True)
+        keys, _, of = np.unique(keys, return_index=True, return_inverse=True)  # in long runs
         parts, (block, owner) = sums_of(of, parts, len(keys)), np.divmod(keys, count)
         sums = sums_of(owner, parts, count)
         order = np.argsort(owner, kind="stable")

@@ -76,6 +76,9 @@ _TINY = 1e-12
 _NEGATIVE = 1e-9
 """Error of a covariance by rounding, as a share of its largest entry."""
 
+FOR_BODIES_M = 1e3
+"""A surface that goes on so far beyond its edges is for bodies alone to keep out of [m]."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Certainty:
@@ -89,7 +92,7 @@ class Certainty:
         rough_m: standard deviation of the ground off its plane from place to place, over about a
             foot's width [m].
         wider_m: how far the surface goes on beyond where its edges most likely are, for bodies to
-            keep out of; toes may not stand there [m].
+            keep out of; toes may not stand there, and nowhere on it for ``FOR_BODIES_M`` [m].
     """
 
     about_m: Array

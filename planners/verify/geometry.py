@@ -27,7 +27,7 @@ from ..answer.plan import Plan
 from ..files.arrays import Array, cross
 from ..problem.contact import Contact
 from ..robot.model import Limb, Robot
-from ..terrain.patch import Certainty, Patch
+from ..terrain.patch import FOR_BODIES_M, Certainty, Patch
 from ..terrain.polygon import half_planes
 from .margins import borne_share, stance_margins, verdict_yields_m
 
@@ -238,7 +238,8 @@ _AROUND, FAR_M = 64, 0.3
 
 def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array) -> Array:
     """Distance of every toe from terrain that is as rough as its patch and faces as it does, beyond
-    ``_THICK_M``; on a map, from where a surface is known, which goes on for bodies to keep out of.
+    ``_THICK_M``; on a map, from where a surface is known, which goes on for bodies to keep out of,
+    and of the surfaces near by from the one that it is nearest to so.
 
     Arguments:
         patches: the one that each toe chose.
@@ -253,11 +254,14 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
         np.array([patch.normal for patch in terrain]),
         np.array([patch.friction for patch in terrain]),
     )
+    beyond_m = [0.0 if patch.certainty is None else patch.certainty.wider_m for patch in terrain]
+    carries = np.array(beyond_m) < FOR_BODIES_M
     low = np.array([patch.vertices_m.min(axis=0) for patch in terrain])
     high = np.array([patch.vertices_m.max(axis=0) for patch in terrain])
     near = list[list[int]]()
     for patch, toe in zip(patches, toes, strict=True):
-        bears = (normals @ patch.normal >= _SAME_WAY) & (friction >= patch.friction - _ROUGHER)
+        bears = carries & (normals @ patch.normal >= _SAME_WAY)
+        bears &= friction >= patch.friction - _ROUGHER
         about = np.where(
             bears,
             np.linalg.norm(np.maximum(low - toe, 0.0) + np.maximum(toe - high, 0.0), axis=1),
@@ -272,12 +276,12 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
         [terrain[i].vertices_m for each in near for i in each], np.repeat(toes, counts, axis=0)
     )
     for p, off in enumerate(np.split(np.maximum(0.0, gaps - _THICK_M), np.cumsum(counts)[:-1])):
-        if not len(off):
-            continue
-        for k in np.flatnonzero(off <= float(off.min())).tolist():
+        for k in np.argsort(off, kind="stable").tolist():
+            if off[k] >= distances[p]:
+                break
             if (sure := terrain[near[p][k]].certainty) is not None:
                 off[k] = max(float(off[k]), sure.wider_m - _border_m(terrain, near[p][k], toes[p]))
-        distances[p] = float(off.min())
+            distances[p] = min(distances[p], float(off[k]))
     return distances
 
 

@@ -408,24 +408,10 @@ def test_what_it_prints_is_what_solve_reads(stancekit):
             ("wall-3", "--count", "1e3"),
             "--count",
         ),
-        (("wall-3", "--export", "new"), "--export"),
-        (("stairs:high", "--export", "new"), "stairs:high"),
-        (("stairs:1.5", "--export", "new"), "level"),
-        (("stairs:0.5", "--export", "new", "--robot", "r.urdf"), "r.urdf"),
     ],
 )
 def test_bad_input_is_one_line(arguments, message, refusal):
     assert_names(refusal("sample", *arguments), message)
-
-
-def test_walls_are_exported_as_surfaces_and_what_came_is_said(stancekit):
-    ran = stancekit("sample", "walls:1.0", "--count", "3", "--export", "walls", "--json")
-    (said,) = ran.records
-    assert (ran.code, said["scenes"], said["infeasible"]) == (0, 3, 3)
-    assert os.listdir("walls") == ["scenes.json"]
-    with open("walls/scenes.json") as file:
-        scenes = json.load(file)["scenes"]
-    assert all(len(scene["surfaces"]) == 2 and scene["proof"] for scene in scenes)
 
 
 def test_a_device_is_written_to_and_stays_a_device(stancekit):

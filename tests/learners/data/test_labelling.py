@@ -29,16 +29,11 @@ from stancekit.envs.distributions.postures import PostureDistribution, distribut
 from stancekit.learners.data import shards
 from stancekit.learners.data.executors import Answer, Task, due, processes
 from stancekit.learners.data.labelling import Progress, label, recheck
-from stancekit.learners.data.leap_tries import export_scenes
 from stancekit.learners.data.shards import samples
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import StancekitError
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.batch import canonical
 from stancekit.planners.search.exact import Exact
-from stancekit.planners.search.two_stage import TwoStage
-from stancekit.planners.terrain.families import family_terrain
-from stancekit.planners.terrain.patch import Patch
 from tests.refusals import refuses
 
 PLAN = LabelPlan(distribution="wall-3", feasible=9, infeasible=7, shard_size=3, seed=5)
@@ -635,43 +630,3 @@ def test_points_of_s_balance_and_points_of_s_bar_do_so_but_for_the_moment(balanc
             )  # no answer of P̄ has less than the certificate proves
             looked_at += 1
     assert looked_at == PLAN.infeasible
-
-
-@pytest.fixture(scope="module")
-def planner():
-    return TwoStage()
-
-
-def test_scenes_are_read_back_as_they_were_drawn(tmp_path, planner):
-    export_scenes(tmp_path / "set", "slopes", 0.7, count=4, planner=planner, seed=2, spacing_m=0.05)
-    index = json.loads((tmp_path / "set" / "scenes.json").read_text())
-    assert (index["format"], index["family"], index["level"]) == (
-        "stancekit/scenes/1",
-        "slopes",
-        0.7,
-    )
-    assert {scene["status"] for scene in index["scenes"]} == {"feasible", "infeasible"}
-    for number, scene in enumerate(index["scenes"], 2):
-        drawn = family_terrain("slopes", 0.7, number)
-        assert (scene["seed"], scene["figures"]) == (number, drawn.figures)
-        heights = np.load(tmp_path / "set" / scene["heights"], allow_pickle=False)
-        x = scene["corner_m"][0] + scene["spacing_m"] * np.arange(len(heights))
-        np.testing.assert_allclose(
-            heights, np.tan(0.56) * x[:, None] * np.ones(heights.shape[1]), atol=1e-12
-        )
-        (surface,) = scene["surfaces"]
-        shape = {key: np.array(surface[key]) for key in ("vertices_m", "normal")}
-        patch = Patch(
-            **shape, friction=surface["friction"], shear_reference=np.array([1.0, 0.0, 0.0])
-        )
-        np.testing.assert_array_equal(patch.vertices_m, drawn.patches[0].vertices_m)
-        status = planner.solve(read_course(f"slopes:0.7:{number}")).status
-        assert scene["status"] == status.value
-        assert (scene["proof"] == "certificate") == (status is Status.INFEASIBLE)
-
-
-def test_a_folder_with_something_in_it_is_left_alone(tmp_path, planner):
-    (tmp_path / "kept.txt").write_text("kept")
-    with refuses():
-        export_scenes(tmp_path, "slopes", 0.1, count=1, planner=planner)
-    assert [path.name for path in tmp_path.iterdir()] == ["kept.txt"]

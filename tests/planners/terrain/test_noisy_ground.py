@@ -98,7 +98,11 @@ def test_noise_is_estimated_and_what_is_exact_has_none():
         )
     told = footholds_of(noisy_steps(0.02), FootholdLimits(noise_m=0.025))
     assert (told.noise_m, told.noise_source) == (0.025, "as given")
-    assert footholds_of(noisy_steps(0.0)).pieces[0].height_sd_m is None
+    assert all(
+        piece.height_sd_m is None
+        for exact in (noisy_steps(0.0), cloud_of_steps(0.0))
+        for piece in footholds_of(exact).pieces
+    )
 
 
 def test_noise_with_which_nothing_is_known_a_map_of_one_row_and_a_cloud_of_one_point_are_refused_in_a_line():

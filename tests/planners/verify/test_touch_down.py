@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 import stancekit
 from stancekit.planners.formats.motion_file import read_motion, write_motion
@@ -150,11 +151,45 @@ def test_a_block_in_a_maps_corner_ends_where_it_ends():
     )
 
 
-@pytest.mark.parametrize("bottom_m", [-0.5, np.nan], ids=["trench", "hole"])
-def test_nothing_carries_a_toe_between_two_surfaces_of_one_plane(bottom_m):
-    x = 0.05 * np.arange(-16, 17)
-    heights = np.where((x == 0.0)[:, None], bottom_m, np.zeros((33, 33)))
-    found = footholds_of(ElevationMap(x_m=x, y_m=x, heights_m=heights, name="two sheets"))
-    toes = np.outer((-0.05, -0.03, 0.0, 0.05), (1.0, 0.0, 0.0))
-    off = off_terrain(found.surfaces, [found.pieces[0].patch] * 4, toes)
-    assert off == pytest.approx([0.0, 0.02, 0.05, 0.0], abs=1e-6)
+def ground_without(places, gone, bottom_m):
+    """The footholds of a grid of places in a plane, some of which are so much higher."""
+    heights = places[..., 2] + np.where(gone, bottom_m, 0.0)
+    x_m, y_m = places[:, 0, 0], places[0, :, 1]
+    return footholds_of(ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="with gaps"))
+
+
+GAPS = {
+    "through": lambda x, y: x == 0,
+    "slit": lambda x, y: (x == 0) & (abs(y) < 9),
+    "cell": lambda x, y: (x == 0) & (y == 0),
+    "square": lambda x, y: (x >= 0) & (x < 2) & (y >= 0) & (y < 2),
+    "corner": lambda x, y: np.where(x > y, y == 0, x == 0) & (x >= 0) & (y >= 0) & (x + y < 9),
+    "turned": lambda x, y: (abs(x - 0.577 * y) < 0.6) & (abs(y) < 9),
+}
+
+
+@pytest.mark.parametrize("bottom_m", [-0.5, np.nan, 0.08], ids=["deep", "unknown", "raised"])
+@pytest.mark.parametrize("slope", [0.0, 0.2])
+@pytest.mark.parametrize("gap", GAPS.values(), ids=GAPS)
+def test_nothing_carries_a_toe_where_a_sample_is_not_of_its_surface(gap, slope, bottom_m):
+    x, y = np.mgrid[-16:17, -16:17]
+    places, gone = 0.05 * np.stack([x, y, slope * x], axis=-1), gap(x, y)
+    found = ground_without(places, gone, bottom_m)
+    toe = max(found.pieces, key=lambda piece: piece.area_m2).patch
+    beside = np.outer((-0.075, -0.051, -0.035, -0.025), (1.0, 0.0, slope))
+    sound = places[binary_erosion(~gone, np.ones((3, 3)))]
+    toes = np.concatenate([places[gone], beside, sound])
+    off = off_terrain(found.surfaces, [toe] * len(toes), toes)
+    hollow = np.count_nonzero(gone)
+    held = [hollow, hollow + 1, *range(hollow + 4, len(toes))]
+    assert np.flatnonzero(off <= 0.0).tolist() == held
+    assert off[:hollow].min() > 0.008
+
+
+def test_nothing_carries_a_toe_beyond_a_turned_sheet():
+    x, y = np.mgrid[-10:10, -10:10]
+    gone = (abs(0.866 * x + 0.5 * y) >= 9.0) | (abs(0.5 * x - 0.866 * y) >= 8.0)
+    places = 0.05 * np.stack([x, y, 0 * x], axis=-1)
+    found = ground_without(places, gone, np.nan)
+    off = off_terrain(found.surfaces, [found.pieces[0].patch] * gone.sum(), places[gone])
+    assert off.min() > 0.03
