@@ -112,16 +112,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if arguments in ([], ["--help"], ["-h"]):
             print(_overview(), flush=True)
             return
-        from .pictures import keep_as_written, share_methods
-
         gc.set_threshold(*_RARELY)  # most of what commands make is modules, which stay
-        if alone:
-            share_methods()
         command = parse(arguments)
     except BrokenPipeError:  # `stancekit COMMAND --help | head`
         _close_output()
         sys.exit(0)
-    keep_as_written()
     code = run(command)
     try:
         if sys.stdout is not None:

@@ -9,9 +9,6 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
 
-import tests.quick_imports  # noqa: F401  # before SciPy and cvxpy
-
-# isort: split
 import cvxpy as cp
 import joblib
 import numpy as np

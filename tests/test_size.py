@@ -32,7 +32,7 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1372, 17023),
-    "cli": (3150, 38235),
+    "cli": (3077, 37366),
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5163, 76008),
