@@ -14,7 +14,6 @@ from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, interruptible
 from stancekit.planners.files.arrays import Array, checked as checked_number, checked_int
 from stancekit.planners.gait.method.attempt import Attempt, Progress
-from stancekit.planners.gait.method.budget import Checkpoint as Checkpoint
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import plan_walk
@@ -186,7 +185,6 @@ def walked(
     attempts: Sequence[Attempt],
     *,
     progress: Progress | None = None,
-    checkpoint: Checkpoint | None = None,
     signals: tuple[signal.Signals, ...] = (signal.SIGINT,),
 ) -> Attempts:
     """The requested walk.
@@ -204,7 +202,6 @@ def walked(
             progress=watched,
             caps=caps,
             attempts=attempts,
-            checkpoint=checkpoint,
         )
     if result.stopped:
         raise KeyboardInterrupt

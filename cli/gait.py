@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from stancekit import Walk
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
-    from stancekit.planners.gait.method.budget import Checkpoint
     from stancekit.planners.gait.method.portfolio import Attempts, Caps
     from stancekit.planners.gait.settings import GaitSettings
 
@@ -229,8 +228,6 @@ class PlanGait:
       stancekit gait heights.npy --spacing-m 0.05 --goal 1,0 --robot go1.urdf --out go1.json
       stancekit verify go1.json
 
-    A run that is interrupted keeps what it has beside --out; the same command goes on from there.
-
     Exit code 0 if the verifier accepts the walk, 1 if none was found that it accepts, 2 for bad
     input.
     """
@@ -309,29 +306,22 @@ class PlanGait:
 
     def run(self) -> int:
         """Plan, verify, write, draw."""
-        from stancekit.walks import Checkpoint
-
         self._check()
         task, settings, caps, attempts = self._asked()
-        checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
         caps = replace(caps, in_subprocess=True)
         try:
-            plan = self._plan(task, settings, caps, attempts, checkpoint)
+            plan = self._plan(task, settings, caps, attempts)
         except (NoPlace, PlanningFailed) as error:  # a goal in a solid, or no way
             return self._refused(task, str(error))
         best = plan.best
         if best is None:
-            kept = not plan.failures and checkpoint.path is not None
-            hint = f"; remove {checkpoint.path} to try anew" if kept else ""
-            return self._refused(task, f"{plan.message}{hint}", plan.failures)
+            return self._refused(task, plan.message, plan.failures)
         written = self._write(best)
         if self.picture is not None:
             from stancekit.views.gaits import draw_motion
 
             draw_to_file(draw_motion(best.trajectory, best.report, warp=_map(best)), self.picture)
         show(best.trajectory, video=self.video, html=self.html)
-        if written or not best.solution.success:
-            checkpoint.remove()
         if self.json:
             emit(record(plan, best, self.terrain, self.out if written else None))
         else:
@@ -438,7 +428,6 @@ class PlanGait:
         settings: GaitSettings,
         caps: Caps,
         attempts: list[Attempt],
-        checkpoint: Checkpoint,
     ) -> Attempts:
         """Attempts in their order, up to the chart that the verifier accepts.
 
@@ -446,33 +435,16 @@ class PlanGait:
         """
         from stancekit.walks import walked
 
-        if checkpoint.begun:
-            err.print(
-                f"{checkpoint.path}: goes on from what an interrupted run of this command kept"
-            )
         doubts = list(doubt(task, caps.total_s))
         signals = (signal.SIGINT, signal.SIGTERM)
-        try:
-            with as_options(*_SETTINGS, **_CALLED), watching(self.terrain) as bar:
+        with as_options(*_SETTINGS, **_CALLED), watching(self.terrain) as bar:
 
-                def show(*at: Any) -> None:
-                    while doubts:  # the search begins
-                        err.print(doubts.pop())
-                    bar(*at)
+            def show(*at: Any) -> None:
+                while doubts:  # the search begins
+                    err.print(doubts.pop())
+                bar(*at)
 
-                return walked(
-                    task,
-                    settings,
-                    caps,
-                    attempts,
-                    progress=show,
-                    checkpoint=checkpoint,
-                    signals=signals,
-                )
-        except KeyboardInterrupt:
-            if checkpoint.path is not None and checkpoint.path.exists():
-                err.print(f"{checkpoint.path}: kept; the same command goes on from there")
-            raise
+            return walked(task, settings, caps, attempts, progress=show, signals=signals)
 
     # ------------------------------------------------------------------------------------------------
     # output

@@ -198,96 +198,15 @@ def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
     assert all(os.path.getsize(name) > 1000 for name in files)
 
 
-# -------------------------------------------------------------------------------------------------
-# interrupted
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_says_so_and_leaves_nothing(gait, monkeypatch, number):
+    @contextmanager
+    def watching(title):
+        yield lambda attempt, iteration, *at: os.kill(os.getpid(), number) if iteration else None
 
-
-@pytest.fixture
-def watched(monkeypatch):
-    """``watched(then)``: from now on ``then(number, phase)`` is called at every iteration; what was
-    seen so far.
-    """
-    seen = []
-
-    def call(then=lambda *at: None):
-        @contextmanager
-        def watching(title):
-            seen.clear()
-
-            def show(attempt, iteration, violation, cost, phase):
-                seen.append((attempt.name, phase, violation))
-                then(iteration, phase)
-
-            yield show
-
-        monkeypatch.setattr(gait_command, "watching", watching)
-        return seen
-
-    return call
-
-
-def test_an_interrupted_run_keeps_its_point_and_goes_on_from_there(gait, watched):
-    seen = watched(
-        lambda iteration, phase: os.kill(os.getpid(), signal.SIGINT) if iteration == 2 else None
-    )
-    code, out, err = gait(*SHORT, "--out", "walk.json")
-    assert (code, out) == (130, "")
-    assert (
-        err
-        == "walk.partial.npz: kept; the same command goes on from there\nstancekit: interrupted\n"
-    )
-    assert sorted(os.listdir()) == ["plain.npy", "walk.partial.npz"]
-    last = seen[-1][2]
-    watched()
-    code, out, err = gait(*SHORT, "--out", "walk.json", "--json")
-    assert code == 0
-    assert err == "walk.partial.npz: goes on from what an interrupted run of this command kept\n"
-    assert json.loads(out)["attempts"][0]["violations"][0] == pytest.approx(last, rel=1e-9)
-    assert sorted(os.listdir()) == ["plain.npy", "walk.json"]
-
-
-def test_a_run_that_is_killed_while_it_smooths_goes_on_with_what_was_feasible(gait, watched):
-    def die(iteration, phase):
-        if phase == "smooth":
-            raise KeyboardInterrupt  # at once, with nothing put in order
-
-    watched(die)
-    assert gait(*LIVELY, "--out", "walk.json")[0] == 130
-    assert sorted(os.listdir()) == ["plain.npy", "walk.partial.npz"]
-    seen = watched()
-    code, out, _ = gait(*LIVELY, "--out", "walk.json", "--json")
-    (attempt,) = json.loads(out)["attempts"]
-    assert code == 0
-    assert attempt["phases"]["feasible"]["iterations"] == 0
-    assert seen[0][2] < 1e-4
-    assert attempt["phases"]["smooth"]["solves"] > 0
-    assert attempt["peak_g"]["after"] < attempt["peak_g"]["before"]
-
-
-def test_attempts_that_were_done_before_are_not_done_again(gait, watched):
-    def stop(iteration, phase):
-        if seen[-1][0] == "decoupled, seed 1":
-            os.kill(os.getpid(), signal.SIGTERM)
-
-    seen = watched(stop)
-    assert gait(*LIVELY, "--seeds", "2", "--out", "walk.json")[0] == 130
-    seen = watched()
-    code, out, _ = gait(*LIVELY, "--seeds", "2", "--out", "walk.json", "--json")
-    first, second = json.loads(out)["attempts"]
-    assert code == 0
-    assert (first["phases"]["feasible"]["iterations"], first["phases"]["smooth"]["solves"]) == (
-        0,
-        0,
-    )
-    assert second["attempt"] == "decoupled, seed 1"
-
-
-def test_another_command_does_not_take_up_what_is_left(gait, watched):
-    watched(lambda iteration, phase: os.kill(os.getpid(), signal.SIGINT))
-    assert gait(*SHORT, "--out", "walk.json")[0] == 130
-    watched()
-    code, _, err = gait(*SHORT, "--friction", "0.8", "--out", "walk.json")
-    assert (code, err) == (0, "")
+    monkeypatch.setattr(gait_command, "watching", watching)
+    assert gait(*SHORT, "--out", "walk.json") == (130, "", "stancekit: interrupted\n")
+    assert os.listdir() == ["plain.npy"]
 
 
 def test_a_run_whose_time_is_up_answers_with_the_best_so_far(gait):

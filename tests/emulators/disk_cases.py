@@ -158,7 +158,6 @@ CASES = (
         (*GAIT, "--out", "walk.json", "--picture", "w.png", "--html", "w.html"),
         "--friction",
         "0.7",
-        partial=("walk.partial.npz",),
     ),
     Case(
         name="export",

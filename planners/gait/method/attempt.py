@@ -85,8 +85,6 @@ class Attempted:
         iterations, seconds: of all stages, CPU time.
         history: the largest violation at every iterate.
         trajectory, report: of the point it ended at, feasible or not.
-        stage: the last height that was solved.
-        stopped: it was ended before its own end, by the caller or at a cap.
     """
 
     attempt: Attempt
@@ -96,8 +94,6 @@ class Attempted:
     iterations: int
     seconds: float
     history: Array
-    stage: int = 0
-    stopped: bool = False
 
     @property
     def verified(self) -> bool:
@@ -146,20 +142,9 @@ class Workbench:
             self.warp = flatten(self.task.terrain)
         return self.warp
 
-    def run(
-        self,
-        attempt: Attempt,
-        progress: Progress | None = None,
-        *,
-        guess: Array | None = None,
-        stage: int = 0,
-    ) -> Attempted:
-        """Solve stage by stage, each from the last one's point, and verify what comes out.
-
-        Arguments:
-            guess, stage: where to begin instead of the attempt's own guess, shape (size,), and at
-                which of its heights, e.g. where a run was stopped. A chart with a map has no
-                heights but 1, and no Gaussian is used here.
+    def run(self, attempt: Attempt, progress: Progress | None = None) -> Attempted:
+        """Solve stage by stage, each from the last one's point, and verify what comes out. A chart
+        with a map has no heights but 1, and no Gaussian is used here.
         """
         program = self.program(attempt.chart)
         heights = (
@@ -167,7 +152,7 @@ class Workbench:
             if CHARTS.get(attempt.chart).scales and attempt.by == "height"
             else (1.0,)
         )
-        x = attempt.guess(program) if guess is None else guess
+        x = attempt.guess(program)
         history: list[float] = []
         seconds, stages, stopped = 0.0, 0, False
 
@@ -179,7 +164,7 @@ class Workbench:
             )
             return stopped
 
-        for factor in heights[stage:]:
+        for factor in heights:
             solution = program.solve(x, on_iterate, height_factor=factor)
             x, seconds, stages = solution.x, seconds + solution.seconds, stages + 1
             if stopped:
@@ -195,8 +180,6 @@ class Workbench:
             iterations=max(len(history) - stages, 0),
             seconds=seconds,
             history=np.array(history),
-            stage=stage + stages - 1,
-            stopped=stopped,
         )
 
     def provenance(

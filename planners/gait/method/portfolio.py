@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,7 +43,7 @@ from ..settings import GaitSettings
 from ..transcription.taylor import Block, Constraint
 from ..variables import Structure
 from .attempt import Attempt, Attempted, Homotopy, Progress, Workbench
-from .budget import FAILED, Checkpoint, SolveBudget, SolveRecord
+from .budget import SolveBudget, SolveRecord
 from .smoothing import Smoothing, Solver, peak_g, smoothed
 
 GENTLE = 1.0
@@ -99,9 +99,7 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
 def follow_homotopy(
     bench: Workbench,
     attempt: Attempt,
-    guess: Array | None = None,
     *,
-    stage: int = 0,
     solve: Solver = GaitProgram.solve,
     max_iterations: int | None = None,
     most_stages: int = 12,
@@ -118,15 +116,13 @@ def follow_homotopy(
     factor that was solved.
 
     Arguments:
-        guess: of the first stage in its program, shape (size,), the attempt's own if missing.
-        stage: the index of the height to begin with, where a run goes on.
         solve: in place of the programs' own.
         max_iterations: of one stage.
         stop: asked before every stage but the first.
     """
-    ahead, found = list(attempt.heights[stage:]), list[tuple[GaitSolution, float]]()
-    begun = attempt.heights[stage - 1] if stage else 0.0
-    alone, x, reached = len(ahead) == 1 and not stage, guess, begun
+    ahead, found = list(attempt.heights), list[tuple[GaitSolution, float]]()
+    alone, reached = len(ahead) == 1, 0.0
+    x: Array | None = None
     while ahead and len(found) < most_stages and not (found and stop()):
         factor = ahead[0]
         try:
@@ -579,11 +575,6 @@ class Caps:
     smoothing: Smoothing = field(default_factory=Smoothing)
     in_subprocess: bool = False
 
-    @property
-    def phases(self) -> dict[str, Any]:
-        """Settings of the phases after a feasible point, as JSON-ready values."""
-        return {"smoothing": asdict(self.smoothing), "densifications": self.densifications}
-
     def __post_init__(self) -> None:
         for name, least in (("iterations", 1), ("densifications", 0)):
             if getattr(self, name) < least:
@@ -678,7 +669,6 @@ def plan_gait(
     *,
     caps: Caps | None = None,
     attempts: Sequence[Attempt] | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> Attempts:
     """Find a walk: try attempts in their order until the verifier accepts one, smoothed and
     densified.
@@ -690,7 +680,6 @@ def plan_gait(
         caps: what the plan may cost, and what comes after a feasible point.
         attempts: ``default_attempts(task)`` if missing. Those in a row that differ in their guess
             alone are all tried, and the smoothest is the answer.
-        checkpoint: takes up and keeps where attempts stand.
 
     Returns:
         The ``Attempts``. ``best`` is the best of them, accepted or not, ``message`` says what it
@@ -710,22 +699,18 @@ def plan_gait(
         return Attempts(walk=task, attempts=(), feasible=(), solves=(), failures=(reason,))
     todo = default_attempts(task) if attempts is None else list(attempts)
     caps = caps or Caps()
-    checkpoint = checkpoint or Checkpoint(None, task, settings, todo)
-    run = _PortfolioRun(Workbench(task, settings), caps, progress, checkpoint)
+    run = _PortfolioRun(Workbench(task, settings), caps, progress)
     walks, failures = list[Attempted](), list[str]()
     for index, attempt in enumerate(todo):
         if any(one.verified for one in walks) and _unperturbed(attempt) != _unperturbed(
             todo[index - 1]
         ):
             break
-        if checkpoint.begin(index)[1] == FAILED:
-            continue
         try:
-            walks.append(run.run(index, attempt))
+            walks.append(run.run(attempt))
         except PlanningFailed as error:
             failures.append(f"{attempt.name}: {error}")
             continue
-        checkpoint.keep(index, walks[-1])
         if run.budget.exhausted:
             break
     return Attempts(
@@ -759,10 +744,8 @@ class _PortfolioRun:
     of each.
     """
 
-    def __init__(
-        self, bench: Workbench, caps: Caps, progress: Progress | None, checkpoint: Checkpoint
-    ) -> None:
-        self.bench, self.caps, self._checkpoint = bench, caps, checkpoint
+    def __init__(self, bench: Workbench, caps: Caps, progress: Progress | None) -> None:
+        self.bench, self.caps = bench, caps
         self.feasible: list[Report[Trajectory] | None] = []
         self.budget = SolveBudget(
             solve_s=caps.solve_s,
@@ -772,40 +755,29 @@ class _PortfolioRun:
             progress=progress,
         )
 
-    def run(self, index: int, attempt: Attempt) -> Attempted:
+    def run(self, attempt: Attempt) -> Attempted:
         """A feasible point; if there is one, the second phase and densification; the best of what
         came out.
-
-        Arguments:
-            index: by which the checkpoint knows the attempt; one that is done is only verified
-                again.
         """
         budget, began = self.budget, len(self.budget.solves)
-        guess, stage = self._checkpoint.begin(index)
         budget.begin(attempt)
-        solution, factor, reached = follow_homotopy(
+        solution, factor, _ = follow_homotopy(
             self.bench,
             attempt,
-            guess,
-            stage=stage,
             solve=budget,
             stop=lambda: budget.exhausted,
             max_iterations=min(self.caps.iterations, self.bench.settings.max_iterations),
         )
-        heights = attempt.heights[stage:]
         if factor != 1.0:
             solution = solution.on(self.bench.program(attempt.chart))
         searched = len(budget.solves)
-        refines = solution.success and not self._checkpoint.done(index)
         worth = (
             solution.success or not budget.exhausted
         )  # bodies on no walk's way take longer to judge than on one's
-        best = _verified(solution, body=worth and not refines)
+        best = _verified(solution, body=worth and not solution.success)
         self.feasible.append(best[1] if solution.success else None)
-        if refines:
-            best = self._refined(
-                best, lambda x: self._checkpoint.note(index, len(attempt.heights) - 1, x)
-            )
+        if solution.success:
+            best = self._refined(best)
         solves = budget.solves[began:]
         provenance = self.bench.provenance(attempt, best[0], sum(one.iterations for one in solves))
         trajectory = replace(
@@ -822,16 +794,13 @@ class _PortfolioRun:
             history=np.array(
                 [violation for one in budget.solves[began:searched] for violation in one.violations]
             ),
-            stage=stage + min(sum(height <= reached for height in heights), len(heights) - 1),
-            stopped=budget.exhausted,
         )
 
-    def _refined(self, start: _Verified, note: Callable[[Array], None]) -> _Verified:
+    def _refined(self, start: _Verified) -> _Verified:
         """Dense enough for the verifier, smooth, and dense enough again, now for the robot's own
-        body, too, which takes the verifier long; the best so far is noted.
+        body, too, which takes the verifier long.
         """
         best = self._dense(start, body=False)
-        note(best[0].x)
         self.budget.phase = "smooth"
         rounds = smoothed(
             best[0],
@@ -843,7 +812,6 @@ class _PortfolioRun:
         for one in rounds:
             if one.solution.success:
                 best = _better(best, (one.solution, one.report))
-                note(best[0].x)
         return self._dense((best[0], with_body(best[1])), body=True)
 
     def _dense(self, best: _Verified, *, body: bool) -> _Verified:

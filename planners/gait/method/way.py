@@ -3,8 +3,7 @@ the next and ends as the robot stands, so that the next one begins there, and al
 walk, which the verifier judges as a whole.
 
 What a piece costs depends on its own length. One that has no walk is tried as two of half its
-length, and then another way is taken round its middle. What is planned is kept after every piece,
-and a run that was interrupted goes on there.
+length, and then another way is taken round its middle.
 """
 
 from __future__ import annotations
@@ -13,14 +12,13 @@ import json
 import logging
 import math
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ...answer.report import Report
-from ...answer.trajectory import SAMPLES, Trajectory, WalkQuestion
+from ...answer.trajectory import Trajectory
 from ...errors import InvalidInput, NoPlace, PlanningFailed
 from ...files.arrays import Array
 from ...problem.guide_path import Footprint, GuidePath, guide_over
@@ -28,10 +26,13 @@ from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
 from ..settings import GaitSettings
 from .attempt import Attempt, Attempted, Progress
-from .budget import CUT, DONE, ROUND, Checkpoint, SolveRecord, cpu_s
+from .budget import SolveRecord, cpu_s
 from .portfolio import Attempts, Caps, default_attempts, plan_gait
 
 LOG = logging.getLogger(__name__)
+DONE, CUT, ROUND = "done", "cut", "round"
+"""What became of a piece of a walk: it was planned, it was cut in two, or the walk goes another way
+from there on."""
 FAR_M = 6.0
 """Longer walks are planned in pieces, whatever is in their way."""
 _WALL = 2.0
@@ -150,16 +151,12 @@ def plan_walk(
     *,
     caps: Caps | None = None,
     attempts: Sequence[Attempt] | None = None,
-    checkpoint: Checkpoint | None = None,
 ) -> Attempts:
     """``plan_gait``, or, of a walk that is long or whose straight way is barred, the same along its
     guide path piece by piece; the one attempt is then the whole.
 
     Arguments and errors are those of ``plan_gait``; a walk without a way has no attempts, and its
     failure names what is in the way.
-
-    Arguments:
-        checkpoint: of a walk in pieces keeps those that are done.
     """
     settings, caps = settings or GaitSettings(), caps or Caps()
     try:
@@ -167,12 +164,10 @@ def plan_walk(
     except PlanningFailed as error:
         return Attempts(walk=task, attempts=(), feasible=(), solves=(), failures=(str(error),))
     if path is None:
-        return plan_gait(
-            task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint
-        )
-    begun, memory = cpu_s(), checkpoint or Checkpoint(None, task, settings, attempts or ())
+        return plan_gait(task, settings, progress, caps=caps, attempts=attempts)
+    begun, way = cpu_s(), _Way(task, path)
     done, solves = list[Attempted](), list[SolveRecord]()
-    way, walked = _gone_on(task, path, memory)
+    walked: Trajectory | None = None
     while way.left:
         piece, cut = way.left[0]
         remains_s = caps.total_s - (cpu_s() - begun)
@@ -218,9 +213,6 @@ def plan_walk(
             walked = _joined_walks(
                 task, [*([] if walked is None else [walked]), attempts_of_piece.best.trajectory]
             )
-        samples = {} if walked is None else {name: getattr(walked, name) for name in SAMPLES}
-        if way.left:
-            memory.keep_pieces(way.outcomes, samples)
     assert walked is not None
     told = {**walked.provenance, **way.told}
     whole = replace(walked.asked(goal=task.goal), provenance=told)
@@ -237,9 +229,7 @@ def plan_walk(
 
 
 class _Way:
-    """The pieces of a walk that are left, and what became of those before: the same outcomes leave
-    the same pieces.
-    """
+    """The pieces of a walk that are left, and what became of those before."""
 
     def __init__(self, task: Walk, path: GuidePath) -> None:
         self._task, self._pace = task, task.duration_s / path.length_m
@@ -297,42 +287,6 @@ class _Way:
         else:
             del self.left[0]
         self.outcomes.append(outcome)
-
-
-def _gone_on(task: Walk, path: GuidePath, kept: Checkpoint) -> tuple[_Way, Trajectory | None]:
-    """Resume an interrupted run: the way as far as it had got, and the walk that it had planned,
-    which is judged anew.
-
-    Starts from the beginning if the checkpoint belongs to another way, or if its walk is not
-    accepted.
-    """
-    way = _Way(task, path)
-    if not kept.pieces:
-        return way, None
-    with suppress(InvalidInput, PlanningFailed, KeyError, IndexError, TypeError, ValueError):
-        for outcome in kept.pieces:
-            way.go(outcome)
-        place = way.left[0][0].start
-        if DONE not in way.outcomes:
-            return way, None
-        samples: dict[str, Any] = {name: kept.samples[name] for name in SAMPLES}
-        walked = Trajectory(
-            **samples,
-            problem=WalkQuestion(
-                robot=task.robot,
-                terrain=task.terrain,
-                friction=task.friction,
-                adhesive=np.array(task.adhesive),
-                start=task.start,
-                goal=place,
-                heading_rad=task.start_yaw_rad,
-                still=(True, True),
-            ),
-        )
-        if check_trajectory(walked).accepted:
-            LOG.info("walk: goes on after %d pieces", way.outcomes.count(DONE))
-            return way, walked
-    return _Way(task, path), None
 
 
 def _ended(task: Walk, way: _Way, solves: Sequence[SolveRecord], why: str) -> Attempts:

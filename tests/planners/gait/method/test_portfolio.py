@@ -16,7 +16,7 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import NoPlace, PlanningFailed
 from stancekit.planners.gait.method import attempt, budget, way
 from stancekit.planners.gait.method.attempt import Attempt
-from stancekit.planners.gait.method.budget import CUT, DONE, ROUND, Checkpoint, SolveBudget
+from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
 from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
@@ -103,38 +103,13 @@ def test_no_feasible_point_is_no_walk():
     assert_names(failed.message, "violation")
 
 
-def test_a_plan_that_is_stopped_goes_on_from_there(tmp_path):
-    out = tmp_path / "walk.json"
-    settings = GaitSettings()
+def test_a_plan_that_is_stopped_has_no_answer():
     stopped = plan_gait(
-        TASK,
-        settings,
-        lambda attempt, iteration, *at: iteration >= 2,
-        attempts=FIRST,
-        checkpoint=Checkpoint(out, TASK, settings, FIRST),
+        TASK, progress=lambda attempt, iteration, *at: iteration >= 2, attempts=FIRST
     )
     assert stopped.stopped
     assert stopped.answer.solution is None
     assert len(stopped.solves) == 1
-    again = plan_gait(
-        TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST)
-    )
-    whole = plan_gait(TASK, settings, attempts=FIRST)
-    assert again.verified
-    assert again.solves[0].violations[0] == pytest.approx(stopped.solves[0].violations[-1])
-    assert again.solves[0].violations[0] < whole.solves[0].violations[0]
-
-
-def test_attempts_that_failed_before_are_not_tried_again(tmp_path):
-    settings, out = GaitSettings(), tmp_path / "walk.json"
-    kept = Checkpoint(out, TASK, settings, FIRST)
-    plan_gait(TASK, settings, caps=Caps(iterations=1), attempts=FIRST, checkpoint=kept)
-    again = plan_gait(
-        TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST)
-    )
-    assert again.attempts == ()
-    assert not again.verified
-    assert_names(again.message, "attempt")
 
 
 def test_progress_sees_every_iteration():
@@ -262,38 +237,11 @@ def test_a_gentler_terrain_that_is_walked_is_no_answer():
     assert plan.solves[0].success
     assert [step.factor for step in plan.solves] == [0.05]
     (one,) = plan.attempts
-    assert one.stopped
     assert not one.solution.success
     assert not one.report.accepted
     assert (plan.answer.status, plan.answer.solution) == (Status.UNDECIDED, None)
     assert one.trajectory.problem.terrain is asked.terrain
     assert one.solution.violation > 0.1
-
-
-def test_a_climb_that_was_cut_off_goes_on_from_its_height(tmp_path):
-    growing, settings = [Attempt(chart="ambient", heights=(0.3, 1.0))], GaitSettings()
-    out = tmp_path / "walk.json"
-    kept = Checkpoint(out, TASK, settings, growing)
-    plan_gait(TASK, settings, caps=Caps(total_s=0.01), attempts=growing, checkpoint=kept)
-    again = plan_gait(
-        TASK,
-        settings,
-        caps=PLAIN,
-        attempts=growing,
-        checkpoint=Checkpoint(out, TASK, settings, growing),
-    )
-    assert [step.factor for step in again.solves] == [1.0]
-    assert again.verified
-
-
-def test_a_partial_result_of_other_phases_is_ignored_and_left(tmp_path):
-    settings, out = GaitSettings(), tmp_path / "walk.json"
-    kept = Checkpoint(out, TASK, settings, FIRST, Caps().phases)
-    kept.note(0, 0, np.zeros(3))
-    other = Checkpoint(out, TASK, settings, FIRST, PLAIN.phases)
-    assert not other.begun
-    other.remove()
-    assert Checkpoint(out, TASK, settings, FIRST, Caps().phases).begun
 
 
 SETTINGS = GaitSettings()
@@ -320,17 +268,12 @@ def short(monkeypatch):
     monkeypatch.setattr(way, "PIECE_M", 0.5)
 
 
-def kept_in(folder, task):
-    """The checkpoint of a task in a folder."""
-    return Checkpoint(folder / "walk.json", task, SETTINGS, default_attempts(task))
-
-
-def planned(task, kept=None, progress=None):
+def planned(task, progress=None):
     """The walk, by the usual attempts."""
-    return plan_walk(task, SETTINGS, progress, attempts=default_attempts(task), checkpoint=kept)
+    return plan_walk(task, SETTINGS, progress, attempts=default_attempts(task))
 
 
-def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_path):
+def test_pieces_are_one_walk(short):
     task, told = walk(), list[str]()
     whole = planned(
         task, progress=lambda attempt, iteration, violation, cost, phase: told.append(phase)
@@ -346,25 +289,7 @@ def test_pieces_are_one_walk_that_goes_on_after_a_stop_to_the_same(short, tmp_pa
     def stop(attempt, iteration, violation, cost, phase):
         return phase.startswith("piece 2")
 
-    assert planned(task, kept_in(tmp_path, task), stop).stopped
-    kept = kept_in(tmp_path, task)
-    assert kept.begun
-    assert kept.pieces == (DONE,)
-    told.clear()
-    again = planned(
-        task, kept, lambda attempt, iteration, violation, cost, phase: told.append(phase)
-    )
-    assert {phase.split(",")[0] for phase in told} == {"piece 2 of 2"}
-    assert again.best.trajectory.digest == trajectory.digest
-
-    for name, wrong in (("feet_m", 0.01), ("torso_m", 0.01), ("forces_n", 500.0)):
-        forged = kept_in(tmp_path, task)
-        forged.keep_pieces((DONE,), {**kept.samples, name: kept.samples[name] + wrong})
-        path, back = way._gone_on(task, guided(task), kept_in(tmp_path, task))
-        assert back is None, name
-        assert len(path.left) == 2
-    other = walk(seconds=7.0)
-    assert not kept_in(tmp_path, other).begun
+    assert planned(task, stop).stopped
 
 
 @pytest.mark.parametrize("fails", [{1}, {1, 2, 3}])
@@ -388,20 +313,6 @@ def test_a_piece_that_fails_is_cut_and_then_goes_another_way_before_the_whole_fa
         np.testing.assert_allclose(calls[1].goal, 0.5 * straight[0].goal)
     else:  # the other side of the block
         assert np.sign(calls[-1].goal[1]) == -np.sign(straight[0].goal[1])
-
-
-def test_the_same_outcomes_leave_the_same_pieces():
-    task = walk(4.0, 20.0, level((1.8, 2.2, -0.8, 0.9)))
-    one, other = (way._Way(task, guided(task)) for _ in range(2))
-    for outcome in (DONE, CUT, CUT, ROUND, DONE):
-        one.go(outcome)
-        other.go(outcome)
-    assert len(one.paths_m) == 2
-    for (piece, cut), (same, level_) in zip(one.left, other.left, strict=True):
-        assert cut == level_
-        np.testing.assert_array_equal(piece.goal, same.goal)
-        assert piece.duration_s == same.duration_s
-    np.testing.assert_array_equal(one.left[-1][0].goal, task.goal)
 
 
 def test_a_walk_without_a_way_says_how_far_it_came(monkeypatch):
