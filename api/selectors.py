@@ -63,8 +63,8 @@ def warp(
             sharply, and cost time in proportion.
         height_m: thickness of the band above the terrain [m], about five times the robot's rest
             height.
-        method: "fast", exact at the ground; "local-global" (Algorithm 1 of Pan et al.),
-            "gauss-newton" and "accelerated" as published, without a snap.
+        method: "fast", exact at the ground; "local-global" (Algorithm 1 of Pan et al.) and
+            "gauss-newton" as published, without a snap.
         iterations: largest number of iterations of the method.
 
     Returns:

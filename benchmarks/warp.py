@@ -4,10 +4,8 @@
     python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--json]
 
 local-global is Algorithm W1 as printed, gauss-newton the paper's second method; both match softly
-and have no snap. accelerated is Algorithm W1 with the nearest similarity, fast diagonalisation and
-Anderson acceleration; fast is what the product uses. CPU seconds include the checks: min det J on
-lines three times as dense as the quadrature, the match between the terrain's nodes, conformal
-errors.
+and have no snap; fast is what the product uses. CPU seconds include the checks: min det J on lines
+three times as dense as the quadrature, the match between the terrain's nodes, conformal errors.
 """
 
 from __future__ import annotations
@@ -58,7 +56,6 @@ NAMES = {
     "local-global": "local-global, as published",
     "gauss-newton": "Gauss-Newton",
     "fast": "ours",
-    "accelerated": "local-global, accelerated",
 }
 
 

@@ -327,10 +327,9 @@ class Warp:
     """Cells of the tri-cubic grid along each axis."""
     height_m: float = 2.3
     """Thickness of the band above the terrain [m]."""
-    method: Literal["fast", "local-global", "accelerated", "gauss-newton"] = "fast"
+    method: Literal["fast", "local-global", "gauss-newton"] = "fast"
     """fast: ours, exact at the ground. local-global: Algorithm 1 of the paper; gauss-newton: its
-    second method, with a barrier; both as published, with no snap. accelerated: Algorithm 1 with
-    the nearest similarity, no factorisation and Anderson acceleration, with no snap."""
+    second method, with a barrier; both as published, with no snap."""
     iterations: int = 100
     """Most iterations of the method."""
     file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)

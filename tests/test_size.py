@@ -32,11 +32,11 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1371, 17011),
-    "cli": (3064, 37224),
+    "cli": (3064, 37223),
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5163, 76008),
-    "planners": (34853, 575324),
+    "planners": (34817, 574753),
     "runner": (6509, 89532),
     "views": (4297, 68689),
 }

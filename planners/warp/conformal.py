@@ -20,7 +20,7 @@ from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array, checked
 from ..terrain.heightfield import HeightField
 from .energy import Evaluation, MapEnergy, cofactor, determinant, rotation, shear
-from .local_global import Descent, accelerated, published
+from .local_global import Descent, published
 from .quadrature import QuadratureGrid, SeparableSolver
 from .report import TORSO_M, MapReport, conformal_error, least_determinant, match_error
 from .spline_map import STEEPEST_FADE, SplineMap, terrain_digest
@@ -232,7 +232,7 @@ def _conjugate_gradients(
     return solution, count
 
 
-Method = Literal["fast", "local-global", "accelerated", "gauss-newton"]
+Method = Literal["fast", "local-global", "gauss-newton"]
 CELLS, HEIGHT_M = (24, 24, 6), 2.3
 """The grid of a domain of 8 m, and the band: five times ANYmal's height at rest (Pan et al. §V)."""
 _MATCH_TOLERANCE_M = 0.0008
@@ -258,9 +258,9 @@ _MARGIN = 4
 DET_FLOOR = 0.1
 """Least min det J at which the fast path stops trying."""
 _MOST_CONTROLS = 200_000
-_SEPARABLE, _FEWEST_CELLS = ("gauss-newton", "accelerated"), 3
-"""Methods that solve axis by axis, and the cells along one: with fewer, two points a cell do not
-tell cells + 3 splines apart."""
+_FEWEST_CELLS = 3
+"""Cells along an axis that Gauss-Newton solves for: with fewer, two points a cell do not tell cells
++ 3 splines apart."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -323,8 +323,8 @@ def fit_map(
     Arguments:
         method: fast, checked to have det J > 0 and a match of 1 mm; or Pan et al.'s local-global
             (Algorithm W1) or gauss-newton (with barrier and line search), as published and without
-            a snap, or Algorithm W1 accelerated. Whatever comes of these three is returned: the
-            report says min det J and the match. More cells let the map bend more sharply and cost
+            a snap. Whatever comes of these two is returned: the report says min det J and the
+            match. More cells let the map bend more sharply and cost
             time in proportion.
 
     Raises:
@@ -332,7 +332,7 @@ def fit_map(
             can hold.
     """
     began = process_time()
-    if method in _SEPARABLE and min(_cells(cells)) < _FEWEST_CELLS:
+    if method == "gauss-newton" and min(_cells(cells)) < _FEWEST_CELLS:
         raise InvalidInput(
             f"cells: expected {_FEWEST_CELLS} or more along each axis with {method}, got {cells}"
         )
@@ -345,11 +345,7 @@ def fit_map(
     energy = MapEnergy.published(
         grid, field, barrier=_PUBLISHED_BARRIER if method == "gauss-newton" else 0.0
     )
-    if method == "accelerated":
-        energy = replace(energy, scale="nearest")
-    solve = {"local-global": published, "accelerated": accelerated, "gauss-newton": gauss_newton}[
-        method
-    ]
+    solve = published if method == "local-global" else gauss_newton
     descent = solve(energy, grid.identity, iterations)
     warp = _map(field, grid, descent.psi)
     match, least = match_error(warp, field), least_determinant(warp)

@@ -89,13 +89,6 @@ def singular_values(jacobian: Array) -> Array:
     )
 
 
-def nearest_similarity(jacobian: Array) -> Array:
-    """The s·R that is nearest to J: R its rotation, s = tr(RᵀJ)/3 = tr(Σ)/3, shape (3, 3, N…)."""
-    turned = rotation(jacobian)
-    size = np.einsum("ab...,ab...->...", turned, jacobian) / 3.0
-    return np.asarray(turned * size)
-
-
 def published_similarity(jacobian: Array) -> Array:
     """U Vᵀ |Σ|^(1/3), the target of Algorithm W1 as printed, by SVD (Pan et al., before W6), shape
     (3, 3, N…).
