@@ -8,14 +8,14 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from json import loads
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress, tell, text_of
-from .options import PROJECTION, OptionalInt, OptionalPath, OptionalText, check_out, check_unused
+from .options import OptionalInt, OptionalPath, OptionalText, check_out, check_unused
 
 if TYPE_CHECKING:
     from stancekit import Exported, ExportedMotions
@@ -137,20 +137,14 @@ class Picture:
     """Picture to write: .png, .pdf or .svg."""
     index: int = 0
     """Which problem of the file, from 0."""
-    method: Literal["exact", "lift", "two-stage", "nlp", "none"] = "exact"
-    """How to solve it; none draws the scene alone."""
-    envelopes: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """Envelope file: drawn, and used by two-stage."""
-    projection: Annotated[str, PROJECTION] = "scp"
-    """Projection of two-stage."""
     json: bool = False
     """Print what was drawn as one JSON object."""
 
     def run(self) -> int:
         """Solve, draw, write."""
-        from stancekit import draw, explain, load
+        from stancekit import draw, explain, load, solve
         from stancekit.planners.formats.motion_file import is_evidence
-        from stancekit.postures import planner_of, read_envelopes, read_problems
+        from stancekit.postures import read_problems
 
         check_out(self.out)
         text, content = text_of(self.file), None
@@ -158,14 +152,10 @@ class Picture:
             content = loads(text)
         record: dict[str, Any] = {"where": str(self.file), "out": str(self.out)}
         if is_evidence(content):
-            check_unused(
-                self, ("index", "method", "envelopes", "projection"), "a motion or a proof"
-            )
+            check_unused(self, ("index",), "a motion or a proof")
             draw(load(self.file), out=self.out)
             tell(self.json, record, f"{self.out}: {self.file}")
             return 0
-        staged, boxed = self.method in ("lift", "two-stage"), self.method == "two-stage"
-        check_unused(self, () if staged else ("projection",), f"--method {self.method}")
         problems = list(read_problems(text, str(self.file)))
         if not 0 <= self.index < len(problems):
             raise InvalidInput(
@@ -174,29 +164,13 @@ class Picture:
         where, problem = problems[self.index]
         if isinstance(problem, InvalidInput):
             raise problem
-        envelopes = None if self.envelopes is None else read_envelopes(self.envelopes)
-        if envelopes is not None:
-            try:
-                envelopes.check_fits(problem)
-            except InvalidInput as error:
-                raise InvalidInput(f"{where}: {error}") from None
-        caption, why, answer, chosen, status = "", "", None, 0, None
-        if self.method != "none":
-            settings: dict[str, Any] = {"projection": self.projection} if staged else {}
-            if boxed and envelopes is not None:
-                settings["envelopes"] = envelopes
-            outcome = planner_of(self.method, **settings).solve(problem)
-            answer, status = outcome.solution or outcome.certificate, outcome.status.value
-            chosen = int(outcome.details.get("chosen", 0))
-            caption = (
-                f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.effort.seconds:.1f} ms"
-            )
-            why = "" if outcome.certificate is None else explain(outcome).message
-        envelope = None if envelopes is None else envelopes.envelopes[chosen]
-        draw(problem, answer, envelope=envelope, caption=caption, out=self.out)
+        outcome = solve(problem)
+        caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.effort.seconds:.1f} ms"
+        why = "" if outcome.certificate is None else explain(outcome).message
+        draw(problem, outcome.solution or outcome.certificate, caption=caption, out=self.out)
         tell(
             self.json,
-            record | {"where": where, "method": self.method, "status": status},
-            f"{self.out}: {'; '.join(filter(None, (caption, why))) or 'the scene alone'}",
+            record | {"where": where, "status": outcome.status.value},
+            f"{self.out}: {'; '.join(filter(None, (caption, why)))}",
         )
         return 0

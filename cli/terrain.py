@@ -22,10 +22,8 @@ from .options import (
     check_drawn,
     check_limit,
     check_out,
-    check_unused,
     in_options,
     numbers,
-    place,
 )
 
 if TYPE_CHECKING:
@@ -77,10 +75,6 @@ class ShowTerrain:
         default_factory=FootholdOptions
     )
     """What counts as a foothold."""
-    start: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
-    """Drawn in picture and page: where a plan would begin [m]."""
-    goal: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
-    """Drawn in picture and page: where it would end [m]."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the terrain with its footholds: .png, .pdf or .svg."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
@@ -92,20 +86,16 @@ class ShowTerrain:
     def run(self) -> int:
         """Read, find footholds, draw, say."""
         check_drawn(picture=self.picture, html=self.html)
-        if self.picture is None and self.html is None:
-            check_unused(self, ("start", "goal"), "a terrain that is not drawn")
-        asked = {"start": self.start, "goal": self.goal}
-        places = {key: place(each, f"--{key}") for key, each in asked.items() if each is not None}
         footholds = self._found()
         if self.picture is not None:
             from stancekit.views.terrain import draw_footholds
 
-            draw_to_file(draw_footholds(footholds, places), self.picture)
+            draw_to_file(draw_footholds(footholds), self.picture)
         if self.html is not None:
             from stancekit.views.page import write_page
             from stancekit.views.terrain import foothold_motion
 
-            write_page(self.html, foothold_motion(footholds, places))
+            write_page(self.html, foothold_motion(footholds))
         axes = (
             dict(zip("xyz", self.file.asked().axes, strict=True))
             if Path(self.terrain).exists() and ".py" not in self.terrain

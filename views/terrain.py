@@ -4,9 +4,8 @@ fields as blocks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -19,7 +18,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.footholds import Footholds, TerrainPatch
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.terrain.polygon import STEEP, Surface, clipped
+from stancekit.planners.terrain.polygon import clipped
 
 from .scene import (
     Animation,
@@ -27,7 +26,6 @@ from .scene import (
     Colour,
     DrawnBody,
     Facet,
-    Label,
     Layer,
     Path,
     Scene,
@@ -40,7 +38,6 @@ from .scene import (
 from .sheet import (
     ACCENT,
     DEFAULT_STYLE,
-    GOAL,
     INK,
     QUIET,
     SIZE_PX,
@@ -62,21 +59,14 @@ _OFF_M = 0.003
 _AXES, _AXIS = ("#c0392b", "#27803b"), 0.15
 """Colours of the world's x and y, drawn from the place nearest to its origin, and their length, in
 extents of the terrain."""
-_POST, _NOWHERE = 0.08, MappingProxyType[str, Array]({})
-"""Height of the post of a place, in extents of the terrain."""
 _LEGEND = ((_GOOD, "foothold"), (_STONE, "surface"))
 
 
 @DEFAULT_STYLE
-def draw_footholds(
-    found: Footholds, places_m: Mapping[str, Array] = _NOWHERE, *, size_px: Size = SIZE_PX
-) -> Figure:
+def draw_footholds(found: Footholds, *, size_px: Size = SIZE_PX) -> Figure:
     """The terrain with its footholds, seen from above aside.
 
     Raises InvalidInput below 300 pixels.
-
-    Arguments:
-        places_m: places by their names, as start and goal, shape (2,) each [m].
     """
     figure = sheet(size_px)
     refused = ", ".join(
@@ -89,23 +79,9 @@ def draw_footholds(
     sizes = f"{len(found.pieces)} patches, {found.area_m2:.4g} m²{_sure(found)}"
     subtitle = f"{sizes}; {x} (red), {y} (green); not: {refused or 'nothing'}"
     headline(figure, f"footholds of {found.name}", subtitle)
-    scene = _foothold_scene(found) + _posts(found, places_m)
+    scene = _foothold_scene(found)
     Still(scene, _camera(found)).paint(plain_axes(figure, 20.0, 20.0, 90.0))
     return figure
-
-
-def _posts(found: Footholds, places_m: Mapping[str, Array]) -> Scene:
-    """A post with its name at every place, from the highest surface there."""
-    grounds = [Surface(patch, 0.0) for patch in found.surfaces if patch.normal[2] >= STEEP]
-    labels, posts = list[Label](), list[Path]()
-    for name, place in places_m.items():
-        under = [ground.under(place) for ground in grounds]
-        known = [height for height in under if height is not None] or [found.extent_m[2, 0]]
-        foot = np.append(place, max(known))
-        top = foot + _POST * float(np.ptp(found.extent_m[:2])) * np.eye(3)[2]
-        posts.append(Path(pieces_m=np.array([[foot, top]]), colour=GOAL, width=2.0, halo=True))
-        labels.append(Label(name=name, position_m=top, text=name, colour=GOAL))
-    return Scene(paths=posts, labels=labels)
 
 
 def _foothold_scene(found: Footholds) -> Scene:
@@ -127,9 +103,9 @@ def _foothold_scene(found: Footholds) -> Scene:
     return Scene(facets=[*surfaces, *good], paths=axes)
 
 
-def foothold_motion(found: Footholds, places_m: Mapping[str, Array] = _NOWHERE) -> Animation:
+def foothold_motion(found: Footholds) -> Animation:
     """Animation of the footholds, for a page that can be turned, see ``draw_footholds``."""
-    scene = _foothold_scene(found) + _posts(found, places_m)
+    scene = _foothold_scene(found)
     outlines = [
         ring(piece.patch.vertices_m + 2.0 * _OFF_M * piece.patch.normal) for piece in found.pieces
     ]

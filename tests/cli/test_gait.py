@@ -414,36 +414,16 @@ def file(sampled, write):
 def test_every_format_is_written(suffix, file, stancekit, tmp_path):
     ran = stancekit("picture", file, "--out", f"a{suffix}", "--json")
     assert (ran.code, ran.err) == (0, "")
-    assert ran.records == [
-        {"where": "p.jsonl line 1", "out": f"a{suffix}", "method": "exact", "status": "feasible"}
-    ]
+    assert ran.records == [{"where": "p.jsonl line 1", "out": f"a{suffix}", "status": "feasible"}]
     assert (tmp_path / f"a{suffix}").read_bytes().startswith(MAGIC[suffix])
     assert sorted(os.listdir(tmp_path)) == sorted([f"a{suffix}", file])
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--index", "1"), "exact: infeasible, "),
-        (("--method", "none"), "the scene alone"),
-        (("--method", "nlp"), "nlp: feasible, "),
-        (("--method", "two-stage"), "lift+scp: feasible, "),
-    ],
-)
-def test_people_are_told_what_was_drawn(options, words, file, stancekit):
-    ran = stancekit("picture", file, "--out", "a.png", *options)
+def test_people_are_told_what_was_drawn(file, stancekit):
+    ran = stancekit("picture", file, "--out", "a.png", "--index", "1")
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.startswith(f"a.png: {words}")
+    assert ran.out.startswith("a.png: exact: infeasible, ")
     assert ran.out.count("\n") == 1
-
-
-def test_an_envelope_changes_the_picture(file, envelopes, stancekit, tmp_path):
-    stancekit("picture", file, "--out", "a.png", "--method", "none")
-    ran = stancekit(
-        "picture", file, "--out", "b.png", "--method", "none", "--envelopes", envelopes, "--json"
-    )
-    assert ran.records[0]["status"] is None
-    assert (tmp_path / "a.png").read_bytes() != (tmp_path / "b.png").read_bytes()
 
 
 def test_the_problem_may_come_from_standard_input(file, stancekit, tmp_path):
@@ -466,7 +446,6 @@ def test_the_problem_may_come_from_standard_input(file, stancekit, tmp_path):
             ("--out", "a.png", "--index", "2"),
             "mass_kg",
         ),
-        (("--out", "a.png", "--envelopes", "none"), "none"),
     ],
 )
 def test_bad_input_is_one_line(options, message, file, refusal, tmp_path):
@@ -476,16 +455,3 @@ def test_bad_input_is_one_line(options, message, file, refusal, tmp_path):
 
 def test_a_file_that_is_none_is_told(refusal):
     assert_names(refusal("picture", "none", "--out", "a.png"), "none")
-
-
-def test_an_envelope_of_another_class_is_refused(sampled, write, envelopes, refusal):
-    said = refusal(
-        "picture",
-        write("g.json", sampled["ground-3"][0]),
-        "--out",
-        "a.png",
-        "--envelopes",
-        envelopes,
-    )
-    assert said.startswith("g.json: contacts[0].normal: expected one within ")
-    assert "learned for wall-3" in said

@@ -203,18 +203,10 @@ def area(polygon):
     return 0.5 * np.linalg.norm(fan.sum(axis=0))
 
 
-def test_footholds_are_drawn_with_the_places_that_are_named():
-    places = {"start": np.array([-0.3, 0.1]), "goal": np.array([0.5, 0.0])}
+def test_footholds_are_drawn():
     found = terrain("slopes:0.3:4")
-    drawn, bare = foothold_motion(found, places).fixed, foothold_motion(found).fixed
-    assert not bare.labels
-    assert [label.text for label in drawn.labels] == list(places)
-    for post, place in zip(drawn.paths[len(bare.paths) :], places.values(), strict=True):
-        foot = post.pieces_m[0, 0]
-        np.testing.assert_allclose(foot[:2], place)
-        patch = found.surfaces[0]
-        assert (foot - patch.centre_m) @ patch.normal == pytest.approx(0.0, abs=1e-9)
-    assert to_rgb(draw_footholds(found, places, size_px=(400, 300))).std() > 5.0
+    assert len(foothold_motion(found).fixed.facets) > len(found.pieces)
+    assert to_rgb(draw_footholds(found, size_px=(400, 300))).std() > 5.0
 
 
 def test_one_frame_and_no_terrain_are_drawn_too(course_plan):
