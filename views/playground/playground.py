@@ -265,9 +265,6 @@ def _show_course(scenario: Scenario, client: Any, name: str) -> None:
     client.send_file_download(f"{name}-course{suffix or '.txt'}", text.encode())
 
 
-_PICK = "pick a surface"
-
-
 class Playground:
     """A page on a viser server: what may be changed on the left, what comes of it on the right.
 
@@ -331,7 +328,7 @@ class Playground:
         self.session.close()
 
     def _lay_out(self, gui: Any, course: Question) -> None:
-        """Add the files, and of a course the button that picks a surface."""
+        """Add the files."""
         kind, reader = ("walk" if isinstance(course, Walk) else "plan"), "stancekit verify"
         saves: dict[str, tuple[Callable[[str], Path], str]] = {
             kind: (lambda name: save_plan(self._answer, self._folder, name, kind), reader)
@@ -339,11 +336,6 @@ class Playground:
         if isinstance(course, Walk):
             Files(gui, self._folder, saves)
             return
-        if isinstance(course, Problem):
-            self._picker = gui.add_button(
-                _PICK, hint="The next click on a surface gives it a grip and a friction."
-            )
-            self._picker.on_click(self._pick)
         saves["course"] = (
             lambda name: save_course(self.session.scenario, self._folder, name),
             "stancekit plan",
@@ -378,23 +370,6 @@ class Playground:
     def _notify(self, text: str) -> None:
         for client in self.clients():
             client.add_notification("Not possible", text, auto_close_seconds=8.0)
-
-    def _pick(self, _event: Any) -> None:
-        """The next click picks a surface."""
-        if self._picker.label == _PICK:
-            self._server.scene.on_click()(self._picked)
-            self._picker.label = "click a surface"
-
-    async def _picked(self, event: Any) -> None:
-        self._server.scene.remove_click_callback()
-        self._picker.label = _PICK
-        course = self._answer.course
-        if isinstance(course, Problem):
-            hit = struck(course, event.ray_origin, event.ray_direction)
-            if hit is not None:
-                self._change(lambda scenario: scenario.picked(course, hit))
-                return
-        self._notify("no surface was there; press the button and click once more")
 
     # ------------------------------------------------------------------------------------------------
     # what is seen
@@ -439,26 +414,3 @@ class Playground:
             with self._server.atomic():
                 self._pose()
         return self._view is not None
-
-
-def struck(course: Problem, origin: Any, direction: Any) -> int | None:
-    """The patch that a ray from ``origin``, shape (3,) [m], meets first, whichever of its sides;
-    None for none.
-    """
-    start, ray = np.array(origin, dtype=np.float64), np.array(direction, dtype=np.float64)
-    best, nearest = np.inf, None
-    for index, patch in enumerate(course.terrain):
-        slope = float(ray @ patch.normal)
-        if abs(slope) < 1e-9:
-            continue
-        far = float((patch.centre_m - start) @ patch.normal) / slope
-        if 0.0 < far < best and _inside(patch.vertices_m, patch.normal, start + far * ray):
-            best, nearest = far, index
-    return nearest
-
-
-def _inside(corners: Array, normal: Array, point: Array) -> bool:
-    """Tell whether a point on a convex polygon's plane is in it."""
-    edges = np.roll(corners, -1, axis=0) - corners
-    sides = np.cross(edges, point - corners) @ normal
-    return bool(np.all(sides >= -1e-9) or np.all(sides <= 1e-9))

@@ -27,7 +27,6 @@ from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.leap import Leap
-from stancekit.planners.problem.terrain_spec import polygon_keys
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.reach_sets import Sets, standing_toes
@@ -37,8 +36,6 @@ from stancekit.planners.terrain.patch import Patch
 
 from ..plans import offered, way_of
 
-SURFACE = "surface"
-"""Key of the grip of the surface that was picked, and of the slider of its friction."""
 _DEGREES = 180.0 / math.pi
 
 
@@ -129,7 +126,6 @@ _FRAMES = Slider(
 _DURATION = Slider(
     key="duration_s", label="duration", path=("duration_s",), unit="s", low=1.0, high=60.0, step=0.1
 )
-_ON_SURFACE = Slider(key=SURFACE, label="friction of the picked surface", path=(SURFACE,))
 _COURSE = (_FRICTION, _MASS, _FRAMES)
 _WALLS = (
     *_COURSE,
@@ -190,7 +186,6 @@ class Scenario:
         folder: where its relative paths begin.
         stride_m: of key frames that follow the goal, None once they were slid [m].
         own_kg: mass of the robot as it is.
-        chosen: the surface that has a grip.
     """
 
     keys: Mapping[str, Any]
@@ -198,7 +193,6 @@ class Scenario:
     folder: Path = Path()
     stride_m: float | None = None
     own_kg: float = 10.0
-    chosen: int | None = None
     _laid: dict[str, Problem | Leap] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -292,16 +286,7 @@ class Scenario:
             friction, *mass = rows
             hint = f"Of what the file says: {most:.3g} at most."
             rows = (replace(friction, hint=hint), *([] if given.robot.own else mass))
-        if self.chosen is not None:
-            rows = (*rows, self._surface_slider(self.chosen))
         return tuple(self._now(row) for row in rows)
-
-    def _surface_slider(self, chosen: int) -> Slider:
-        """The slider of the picked surface's friction."""
-        if isinstance(self.given, Problem):
-            return replace(_ON_SURFACE, default=self.given.terrain[chosen].friction)
-        path = ("terrain", "polygons", chosen, "friction")
-        return replace(_ON_SURFACE, path=path, default=_at(self.keys, _FRICTION.path, 1.0))
 
     def _now(self, slider: Slider) -> Slider:
         """A slider with the number that there is now."""
@@ -320,8 +305,6 @@ class Scenario:
     def slid(self, key: str, value: float) -> Scenario:
         """Another value of a slider."""
         slider = next(each for each in self.sliders() if each.key == key)
-        if key == SURFACE:
-            return self._with_surface(np.zeros(3), float(value))
         number = int(value) if slider.whole else float(value) / slider.scale
         keys = _put(self.keys, slider.path, number, slider.default)
         if key == "friction" and self.kind == "polygons":
@@ -330,8 +313,7 @@ class Scenario:
         return self._with(keys, stride_m=None if key == "frames" else self.stride_m)
 
     def grips(self, asked: Any) -> tuple[Grip, ...]:
-        """Start and goal, as far as nothing is laid out about them; both walls; the surface that
-        was picked.
+        """Start and goal, as far as nothing is laid out about them, and both walls.
 
         Arguments:
             asked: what ``course`` gave; of a walk its ends are where they are without it.
@@ -352,9 +334,6 @@ class Scenario:
             del ends["start"]
         axes = (True, True, kind not in ("between", "walk"))
         result += [Grip(key=key, label=key, position_m=at, axes=axes) for key, at in ends.items()]
-        if self.chosen is not None:
-            label = f"surface {self.chosen}"
-            result.append(Grip(key=SURFACE, label=label, position_m=self._surface_m(self.chosen)))
         return tuple(result)
 
     def dragged(self, key: str, position_m: Array) -> Scenario:
@@ -362,10 +341,6 @@ class Scenario:
         at the stride, unless they were slid.
         """
         place = [round(float(value), 4) for value in position_m]
-        if key == SURFACE:
-            if self.chosen is None:
-                return self
-            return self._with_surface(np.subtract(position_m, self._surface_m(self.chosen)))
         if key in _SIDES:
             side = _SIDES.index(key)
             away = (1.0, -1.0)[side] * place[1] - _at(self.keys["terrain"], ("apart_m",), 0.38)
@@ -375,50 +350,6 @@ class Scenario:
         if self.stride_m is not None:
             keys["frames"] = _frames_along(keys, self.stride_m)
         return self._with(keys)
-
-    def picked(self, course: Problem, patch: int) -> Scenario:
-        """Scenario with a grip at this patch of the course's terrain; the surfaces of keys become a
-        list of polygons.
-
-        Raises InvalidInput where surfaces are those of a file.
-        """
-        kind = self.kind
-        if kind in ("between", "leap", "walk"):
-            raise InvalidInput(f"surface: expected a course to pick one of, got a {kind}")
-        if kind in ("laid", "polygons"):
-            return replace(self, chosen=patch)
-        terrain = spec_from(self.keys).terrain.along(course.com_nominal_m, self.folder)
-        gaps = [
-            float(np.linalg.norm(each.centre_m - course.terrain[patch].centre_m))
-            for each in terrain.patches
-        ]
-        keys = {
-            **polygon_keys(terrain.patches, terrain.footing),
-            "friction": self.keys["terrain"].get("friction", 1.0),
-        }
-        return self._with({**self.keys, "terrain": keys}, chosen=int(np.argmin(gaps)))
-
-    def _surface_m(self, chosen: int) -> Array:
-        """Place of the picked surface, shape (3,) [m]."""
-        if isinstance(self.given, Problem):
-            return self.given.terrain[chosen].centre_m
-        corners = self.keys["terrain"]["polygons"][chosen]["vertices_m"]
-        return np.asarray(np.array(corners, dtype=np.float64).mean(axis=0))
-
-    def _with_surface(self, by_m: Array, friction: float | None = None) -> Scenario:
-        """Scenario with the picked surface moved by so much, and with another friction."""
-        assert self.chosen is not None
-        if isinstance(self.given, Problem):
-            return self._with(
-                self.keys, given=_with_surface(self.given, self.chosen, by_m, friction)
-            )
-        polygons = list(self.keys["terrain"]["polygons"])
-        polygon = dict(polygons[self.chosen])
-        polygon["vertices_m"] = np.round(np.add(polygon["vertices_m"], by_m), 6).tolist()
-        if friction is not None:
-            polygon["friction"] = friction
-        polygons[self.chosen] = polygon
-        return self._with(_put(self.keys, ("terrain", "polygons"), polygons))
 
     def with_robot(self, robot: str) -> Scenario:
         """Scenario for another robot, a built-in name or a file, which stands and steps as it does.
@@ -661,46 +592,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _plain(each) for key, each in value.items()}
     return [_plain(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-# ------------------------------------------------------------------------------------------------
-# surfaces of a course that is laid out
-
-
-_ON_M = 1e-6
-"""A candidate so near to a surface, facing as it does, is a piece of it [m]."""
-
-
-def _with_surface(course: Problem, number: int, by_m: Array, friction: float | None) -> Problem:
-    """A course with one surface moved by so much, shape (3,) [m], and with another friction where
-    one is given, and so the pieces of it that toes were offered.
-    """
-    surface, terrain = course.terrain[number], list(course.terrain)
-
-    def changed(patch: Patch) -> Patch:
-        moved = replace(patch, vertices_m=patch.vertices_m + by_m) if by_m.any() else patch
-        return moved if friction is None else moved.with_friction(friction)
-
-    terrain[number] = changed(surface)
-    footholds = []
-    for each in course.footholds:
-        pieces = [_is_piece(patch, surface) for patch in each.candidates]
-        candidates = tuple(
-            changed(patch) if piece else patch
-            for patch, piece in zip(each.candidates, pieces, strict=True)
-        )
-        toe_m = each.toe_m + by_m if each.toe_m is not None and any(pieces) else each.toe_m
-        footholds.append(replace(each, candidates=candidates, toe_m=toe_m))
-    return replace(course, terrain=tuple(terrain), footholds=tuple(footholds))
-
-
-def _is_piece(patch: Patch, surface: Patch) -> bool:
-    """Tell whether a patch lies on a surface's plane and within its corners' bounds."""
-    if patch is surface:
-        return True
-    if float(patch.normal @ surface.normal) < 1.0 - 1e-9:
-        return False
-    if np.abs((patch.vertices_m - surface.vertices_m[0]) @ surface.normal).max() > _ON_M:
-        return False
-    low, high = surface.vertices_m.min(axis=0) - _ON_M, surface.vertices_m.max(axis=0) + _ON_M
-    return bool(np.all((patch.vertices_m >= low) & (patch.vertices_m <= high)))

@@ -277,28 +277,6 @@ def test_walls_move_by_their_grips_and_sliders():
     assert leant[1].normal[2] == pytest.approx(-np.sin(np.deg2rad(10.0)))
 
 
-def test_a_picked_surface_becomes_a_polygon_with_its_own_place_and_friction(tmp_path):
-    scenario = Scenario.of("icy-walls")
-    course = scenario.course()
-    picked = scenario.picked(course, 7)
-    assert course_difference(picked.course(), course) == ""
-    place = course.terrain[7].centre_m + np.array([0.0, 0.02, 0.01])
-    moved = picked.dragged("surface", place).slid("surface", 0.25)
-    assert moved.course().terrain[7].centre_m == pytest.approx(place, abs=1e-3)
-    assert [patch.friction for patch in moved.course().terrain].count(0.25) == 1
-    assert moved.course().terrain[7].friction == 0.25
-    assert course_difference(read_again(moved, tmp_path), moved.course()) == ""
-
-
-def test_a_surface_of_a_course_that_is_laid_out_is_dragged_too():
-    laid = Scenario.about(Scenario.of("walls").course())
-    picked = laid.picked(laid.course(), 1)
-    place = picked.course().terrain[1].centre_m + np.array([0.0, 0.1, 0.0])
-    moved = picked.dragged("surface", place).slid("surface", 0.123).course().terrain[1]
-    assert moved.centre_m == pytest.approx(place, abs=1e-6)
-    assert moved.friction == 0.123
-
-
 def test_mass_and_friction_are_those_of_the_plan_and_weight_scales_forces():
     scenario = Scenario.of("walls").slid("mass_kg", 20.0)
     light, heavy = quick_answer(Scenario.of("walls")), quick_answer(scenario)
@@ -361,22 +339,3 @@ def test_a_leap_is_dragged_and_judged(tmp_path):
     frictions = [each.footholds[0].candidates[0].friction for each in (leap, answer.plan.problem)]
     assert frictions[1] == pytest.approx(1.5 * frictions[0])
     assert not quick_answer(scenario.slid("friction", 0.0)).accepted
-
-
-def test_fixed_scenes_move_their_surfaces_with_what_was_offered_of_them(tmp_path):
-    course = read_course("stairs")
-    scenario = Scenario.about(course).picked(course, 3)
-    by = np.array([0.01, 0.02, 0.005])
-    moved = scenario.dragged("surface", course.terrain[3].centre_m + by).slid("surface", 0.5)
-    found = moved.course()
-    for old, new in zip(course.footholds, found.footholds, strict=True):
-        for before, after in zip(old.candidates, new.candidates, strict=True):
-            third = before is course.terrain[3]
-            assert after.centre_m - before.centre_m == pytest.approx(
-                by if third else np.zeros(3), abs=1e-12
-            )
-            assert after.friction == (0.5 if third else before.friction)
-    assert moved.slid("friction", 0.5).course().terrain[3].friction == 0.25
-    assert course_difference(read_again(moved, tmp_path), found) == ""
-    with refuses("robot", "hexapod"):
-        moved.with_robot("hexapod")
