@@ -695,7 +695,9 @@ def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str
         missing.setdefault("joint|: no shape of what they carry", []).extend(
             leg.joint_names[k] for k in bare
         )
-    missing["link|: no shape"] = shapeless(model.tree, model.shapes, model.mounts)
+    missing["link|: no shape about its centre of mass"] = shapeless(
+        model.tree, model.shapes, model.mounts
+    )
     unread = dict.fromkeys(link for link, _ in unknown_shapes(model.tree))
     missing["link|: a shape that is not known"] = list(unread)
     lines = [(*key.split("|"), names) for key, names in missing.items() if names]

@@ -227,7 +227,7 @@ LIGHT_HEAD = HEAD.replace('"3"', '"0.3"').replace('"0.01"', '"4e-18"')
     [
         ("</link>", f"{CONE}</link>", "link trunk: a shape of cone", "link trunk"),
         ("</link>", "<colision/></link>", "link trunk: <colision>", ""),
-        ("</link>", HEAD, "link head: no shape", "link head"),
+        ("</link>", HEAD, "link head: no shape about its centre of mass", "link head"),
         ("<inertia ", "<inertias ", "of 6 kg: denser than any body", ""),
         (
             "</link>",
