@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5163, 76008),
-    "planners": (34817, 574753),
+    "planners": (34813, 574716),
     "runner": (6509, 89532),
     "views": (4179, 66927),
 }

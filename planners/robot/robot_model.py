@@ -184,9 +184,9 @@ there."""
 _ROTOR_S2 = 2e-4
 """A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in
 units of what holds the robot's weight at a leg's length [Nm]."""
-_STIFFNESS, DAMPING_S = 1.0, 0.04
-"""Gains of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the
-robot's weight at a leg's length [Nm], and Kd / Kp [s]."""
+DAMPING_S, _SMALL = 0.04, 0.75
+"""Kd / Kp [s] of drives that a robot's file says nothing of; of a robot smaller than this size it is
+less, as what falls from a smaller height falls in less time, √(h / g)."""
 _IN_SERIES = 2.0
 """Factor on the stiffness of legs with soles: the body is a pendulum upside down over ankle, knee and
 hip, which give way one after the other."""
@@ -362,12 +362,12 @@ class RobotModel:
         """
         if self.servo is not None:
             return self.servo.stiffness_nm_rad, self.servo.damping_nms_rad, self.servo.rotor_kg_m2
-        soles = any(leg.sole is not None for leg in self.legs)
         # holds the robot's whole weight at the end of one leg
         carried_nm = self.mass_kg * GRAVITY_M_S2
         carried_nm *= float(np.mean([leg.chain.length_m for leg in self.legs]))
-        stiffness = (_IN_SERIES if soles else 1.0) * _STIFFNESS * carried_nm
-        return stiffness, DAMPING_S * stiffness, _ROTOR_S2 * carried_nm
+        stiffness = carried_nm * (_IN_SERIES if any(leg.sole for leg in self.legs) else 1.0)
+        damping = DAMPING_S * min(self.size / _SMALL, 1.0) ** 0.5 * stiffness
+        return stiffness, damping, _ROTOR_S2 * carried_nm
 
     @cached_property
     def rotors_kg_m2(self) -> Array:

@@ -38,11 +38,11 @@ class Descent:
     settings: dict[str, float] = field(default_factory=dict)
 
 
-def published(energy: MapEnergy, psi: Array, iterations: int, tolerance: float = 1e-4) -> Descent:
+def published(energy: MapEnergy, psi: Array, iterations: int) -> Descent:
     """Algorithm W1 as printed: SVD, |Σ|^(1/3), a sparse factorisation made once, h* lagged by a
     step.
 
-    Stops after a change of ψ below ``tolerance`` of a cell. The energy need not fall: h* is one
+    Stops after a change of ψ below 1e-4 of a cell. The energy need not fall: h* is one
     step late.
     """
     began, grid = process_time(), energy.grid
@@ -59,7 +59,7 @@ def published(energy: MapEnergy, psi: Array, iterations: int, tolerance: float =
         psi = psi + step
         history.append(energy.at(psi))
         seconds.append(process_time() - began)
-        if float(np.abs(step).max()) < tolerance * cell:
+        if float(np.abs(step).max()) < 1e-4 * cell:
             break
     return Descent(psi=psi, history=history, seconds=seconds, evaluations=len(history))
 

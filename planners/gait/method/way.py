@@ -167,7 +167,6 @@ def plan_walk(
         return plan_gait(task, settings, progress, caps=caps, attempts=attempts)
     begun, way = cpu_s(), _Way(task, path)
     done, solves = list[Attempted](), list[SolveRecord]()
-    walked: Trajectory | None = None
     while way.left:
         piece, cut = way.left[0]
         remains_s = caps.total_s - (cpu_s() - begun)
@@ -208,12 +207,7 @@ def plan_walk(
             place = f"from ({piece.start[0]:.2f}, {piece.start[1]:.2f})"
             other = f"; another way: {error}" if str(error) else ""
             return _ended(task, way, solves, f"{place}: {attempts_of_piece.message}{other}")
-        if outcome == DONE:
-            assert attempts_of_piece.best is not None
-            walked = _joined_walks(
-                task, [*([] if walked is None else [walked]), attempts_of_piece.best.trajectory]
-            )
-    assert walked is not None
+    walked = _joined_walks(task, [one.trajectory for one in done])
     told = {**walked.provenance, **way.told}
     whole = replace(walked.asked(goal=task.goal), provenance=told)
     report: Report[Trajectory] = check_trajectory(whole)

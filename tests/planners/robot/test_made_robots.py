@@ -305,6 +305,16 @@ def test_walks_of_other_numbers_of_legs_are_refused_in_words(
         walker_of(read(name, tmp_path))
 
 
+@pytest.mark.parametrize(
+    ("size", "lag_s"), [(0.25, 0.0231), (0.75, 0.04), (1.0, 0.04), (4.0, 0.04)]
+)
+def test_loops_of_a_small_robot_lag_by_less(size: float, lag_s: float) -> None:
+    model = model_of(quadruped(s=size))
+    assert model.size == pytest.approx(size)
+    stiffness, damping, _ = model.drive
+    assert damping / stiffness == pytest.approx(lag_s, rel=2e-3)
+
+
 def test_contacts_of_no_leg_are_refused(tmp_path: Path) -> None:
     keys = "contacts: {XY_foot: {radius_m: 0.04}}\n"
     with refuses("contacts", "LF_foot"):
