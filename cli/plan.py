@@ -68,8 +68,7 @@ def _deliver(
         emit({"course": name, **_record(answer, reason), "files": [str(path) for path in written]})
     else:
         out.print(_table_of(answer, name))
-        if solution is not None and report is not None:
-            say((*_lines(answer), *_doubts(answer, time_limit_s)))
+        say((*_lines(answer), *_doubts(answer, time_limit_s)))
         refused = (
             "" if report is None or report.accepted else ", of a plan that the verifier refuses"
         )
@@ -194,7 +193,7 @@ def _frames(answer: Answer[Any]) -> int | None:
 def _lines(answer: Answer[Any]) -> Iterator[str]:
     """Lines about what was found, below its table."""
     solution = answer.solution
-    if solution is None:
+    if solution is None or answer.report is None:
         return
     if solution.has("parts"):
         yield from _crossing_lines(answer, solution)

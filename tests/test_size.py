@@ -32,7 +32,7 @@ Size = tuple[int, int]
 
 HELD: dict[str, Size] = {
     "api": (1371, 17011),
-    "cli": (3035, 36801),
+    "cli": (3034, 36797),
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5163, 76008),
