@@ -32,7 +32,8 @@ _LIMIT_S = 60.0
 _FRICTION = 0.75
 """Friction of heights under a motion from elsewhere, as of walks that are asked for without one."""
 _HELD_M = 1e-3
-"""Heights describe a mesh that is everywhere so near to them [m]."""
+"""Heights describe a mesh that is everywhere so near to them [m]: on its triangles, and as it is
+seen from above."""
 _ON_TRIANGLES = np.array([*np.eye(3), *(0.5 - 0.5 * np.eye(3)), np.full(3, 1.0 / 3.0)])
 _ON_TRIANGLES.setflags(write=False)
 """Where that is looked at: corners, middles of edges, and the middle, as shares of the corners."""
@@ -198,15 +199,19 @@ def _ground(name: str, options: ImportOptions) -> Sequence[Patch] | Ground:
     with suppress(InvalidInput):  # of holes, and of what is too steep for a spline
         points, many = _ON_TRIANGLES @ mesh.spread_m, len(mesh.triangles) > _MANY
         heights = named_terrain(name, options)
-        off_m = points[..., 2] - heights.height(points[..., :2])
-        if (off_m if many else np.abs(off_m)).max() < _HELD_M:  # of many some are hidden below
+        off_m, seen_m = points[..., 2] - heights.height(points[..., :2]), mesh.off_m(heights)
+        worst_m = max((off_m if many else np.abs(off_m)).max(), seen_m)
+        if worst_m < _HELD_M:  # of many triangles some are hidden below
             return Ground(heights=heights, friction=_FRICTION)
         if many:
-            said = doubt(
-                f"{name}: more than {_MANY} triangles, judged by heights that are up to "
-                f"{1e3 * off_m.max():.3g} mm below them"
+            return Ground(
+                heights=heights,
+                friction=_FRICTION,
+                doubt=doubt(
+                    f"{name}: more than {_MANY} triangles, judged by heights that are up to "
+                    f"{1e3 * worst_m:.3g} mm off them"
+                ),
             )
-            return Ground(heights=heights, friction=_FRICTION, doubt=said)
     return footholds_of(mesh, friction=_FRICTION, none=True).surfaces
 
 

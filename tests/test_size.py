@@ -31,12 +31,12 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1371, 17011),
+    "api": (1371, 17026),
     "cli": (3034, 36797),
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5163, 76008),
-    "planners": (34813, 574716),
+    "planners": (34805, 574692),
     "runner": (6509, 89532),
     "views": (4179, 66927),
 }

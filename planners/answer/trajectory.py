@@ -26,8 +26,6 @@ STEP_S = 0.005
 """Spacing of the samples that charts give: ten times finer than the optimiser's default grid."""
 WALK_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
 """The groups of a walk that ask for a model of the robot's legs."""
-SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
-"""The arrays that have a row a sample."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -225,17 +225,12 @@ class _Tree:
         odd = [
             end
             for end in left
-            if self._in_middle(end) and not any(self._alike(end, o) for o in others[end])
+            if abs(self._in_base[self.joints(end)[0]].translation[1]) < _ALIKE * self._length(end)
+            and not any(self._alike(end, o) for o in others[end])
         ]
         if len(left) - len(odd) < 2:
             odd = []
         return [] if len(left) < 2 else [*named, *odd]
-
-    def _in_middle(self, end: int) -> bool:
-        """Tell whether a chain begins in the plane between left and right."""
-        return abs(
-            float(self._in_base[self.joints(end)[0]].translation[1])
-        ) < _ALIKE * self._length(end)
 
     def _lying(self, ends: Sequence[int], legs: Sequence[int]) -> list[str]:
         """Reasons to think that z does not point up: chains made as the legs are that do not go

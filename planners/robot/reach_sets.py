@@ -566,12 +566,14 @@ def limbs_over(
 
 def contains_all(robot: Robot, tilt_rad: float) -> bool:
     """Tell whether a robot's limbs may reach all that the legs of its own file may, its body within
-    this limit of the tilt.
+    this limit of the tilt, wherever its other feet are.
 
     Raises InvalidInput for a robot without such legs.
     """
     model = robot.own_model()
-    return outer_sets(model).tilted(tilt_rad).within(robot.limbs, contact_radii_m(model))
+    return not robot.relative_reach and outer_sets(model).tilted(tilt_rad).within(
+        robot.limbs, contact_radii_m(model)
+    )
 
 
 def standing_toes(robot: RobotModel) -> Array:

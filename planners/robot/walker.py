@@ -257,9 +257,12 @@ def sets_of(robot: Robot, tilt_rad: float = 0.0) -> Sets | None:
     for sets in get_args(Sets):
         # of robots without legs of their own, and of legs without an inside, there are none
         with suppress(InvalidInput):
-            limbs = zip(robot.sets(sets, tilt_rad).limbs, robot.limbs, strict=True)
+            over = robot.sets(sets, tilt_rad)
+            limbs = zip(over.limbs, robot.limbs, strict=True)
             pairs = [(_numbers(one), _numbers(other)) for one, other in limbs]
-            if all(a.shape == b.shape and np.abs(a - b).max() <= _SAME_M for a, b in pairs):
+            if over.relative_reach == robot.relative_reach and all(
+                a.shape == b.shape and np.abs(a - b).max() <= _SAME_M for a, b in pairs
+            ):
                 return cast(Sets, sets)
     return None
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from inspect import getdoc, signature
+from inspect import signature
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -360,8 +360,6 @@ TERRAIN_FAMILIES: Registry[_Draw] = Registry(
 """By name; docstrings say what their level is.
 
 Friction: 0.4–0.8 on slopes, 0.4–0.7 on rubble, 0.6–1.0 on walls, 0.6–0.9 on others."""
-SCENES = ("stairs", "stones", "gaps", "beams", "rubble", "slopes", "walls")
-"""The families of polygons."""
 SMOOTH = ("rough", "waves", "ramps")
 """The families of heights."""
 NOT_WALKED = ("walls",)
@@ -456,15 +454,6 @@ def read_draw(name: str, where: str) -> tuple[str, float, int]:
             f"{where}: expected {family}:LEVEL:SEED as in {family}:0.5:7, got {name!r}"
         ) from None
     return family, level, seed
-
-
-def level_of(family: str) -> str:
-    """Meaning of the level of a family, or of FILE.py:NAME: the beginning of its docstring.
-
-    Raises InvalidInput for an unknown name.
-    """
-    first = (getdoc(TERRAIN_FAMILIES.get(family)) or family).split("\n\n")[0]
-    return " ".join(first.split()).removesuffix(".")
 
 
 def _goes_on(draw: _Draw) -> bool:

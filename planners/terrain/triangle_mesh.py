@@ -19,7 +19,7 @@ from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from .correlation import connected
 from .elevation import ElevationMap
-from .heightfield import MOST_POINTS, WIDEST_M
+from .heightfield import MOST_POINTS, WIDEST_M, HeightField
 from .import_options import OTHER_UNIT, ImportOptions, doubt
 from .obstacles import fan
 from .patch import Patch
@@ -526,6 +526,15 @@ class TriangleMesh:
             heights_m=np.where(np.isfinite(heights), heights, np.nan),
             name=self.name,
         )
+
+    def off_m(self, heights: HeightField) -> float:
+        """The most that heights are off what is seen from above in the middle between the lines of
+        their grid, where edges on lines show [m].
+        """
+        lines = [0.5 * (each[1:] + each[:-1]) for each in (heights.x_m, heights.y_m)]
+        seen = raised(self.spread_m, *lines)
+        away = seen - heights.height(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1))
+        return float(np.abs(away[np.isfinite(seen)]).max(initial=0.0))
 
 
 def _welded(corners: Array, triangles: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:

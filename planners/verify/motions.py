@@ -108,7 +108,16 @@ _WITHOUT = {
 }
 _OF_THREE = ("balance", "forces", "rates", "com_velocity", "turning", "effort")
 """Groups that need three rows, too."""
-_OF_GROUND = ("contact_gap", "penetration", "slip", "balance", "forces", "cone", "bodies")
+_OF_GROUND = (
+    "contact_gap",
+    "penetration",
+    "slip",
+    "balance",
+    "forces",
+    "cone",
+    "bodies",
+    "swing_force",
+)
 """Groups that ask where the ground is."""
 _NO_LIMIT_RAD_S = 10.0
 """Speed in place of the limit of a joint that has none."""

@@ -16,7 +16,7 @@ from stancekit.cli.options import FootholdOptions, TerrainFile
 from stancekit.cli.terrain import Warp
 from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.problem.standing_map import StandingMap
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES, level_of
+from stancekit.planners.terrain.families import TERRAIN_FAMILIES
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.terrain.terrain_file import read_heights
@@ -33,7 +33,7 @@ def test_help_and_documentation_list_the_one_table(stancekit, monkeypatch):
     told = re.sub(r"[│\s]+", " ", said)
     page = (ROOT / "docs" / "reference" / "grounds.md").read_text(encoding="utf-8")
     for name in TERRAIN_FAMILIES.names():
-        level = level_of(name)
+        level = " ".join((TERRAIN_FAMILIES.get(name).__doc__ or name).split("\n\n")[0].split())[:-1]
         assert f" {name} {level[0].lower()}{level[1:]} " in told
         assert f"| `{name}` | " in page
 

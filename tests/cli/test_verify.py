@@ -13,8 +13,10 @@ import pytest
 
 import stancekit as library
 from stancekit import Motion, exports
+from stancekit.checks import _ground
 from stancekit.planners.files.writing import alone_in
 from stancekit.planners.formats.motion_file import read_motion, write_motion
+from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
@@ -376,6 +378,20 @@ def test_heights_that_are_not_the_mesh_are_doubted_and_hold_nothing_that_asks_fo
         "accepted",
     )
     assert held or record["report"]["doubts"][0].startswith(f"{ground}: more than 5000")
+
+
+def test_an_edge_on_a_line_of_the_grid_is_no_slope_to_stand_on(tmp_path: Path) -> None:
+    """A step of 0.1 m whose lower side has 5,618 triangles, of which none ends near its edge."""
+    ground, rows = tmp_path / "edge.obj", range(54)
+    lines = [f"v {0.3 + 0.03 * x} {0.03 * y - 0.8} 0" for x in rows for y in rows]
+    corners = [54 * x + y + 1 for x in rows[1:] for y in rows[1:]]
+    lines += [f"f {k - 55} {k - 1} {k}\nf {k - 55} {k} {k - 54}" for k in corners]
+    profile = ((-1.0, 0.1), (0.0, 0.1), (0.0, 0.0), (0.3, 0.0))
+    lines += [f"v {x} {y} {z}" for x, z in profile for y in (-0.8, 0.79)]
+    lines += [f"f -{k} -{k - 2} -{k - 1}\nf -{k - 2} -{k - 3} -{k - 1}" for k in (8, 6, 4)]
+    ground.write_text("\n".join(lines))
+    with pytest.warns(UserWarning, match="judged by heights that are up to 50 mm off them"):
+        assert _ground(str(ground), ImportOptions()).doubt
 
 
 def test_mujocos_key_frames_are_judged(walk_file: Path, stancekit) -> None:

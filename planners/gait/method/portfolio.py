@@ -654,7 +654,7 @@ class Attempts:
         """
         best = self.best
         if best is None:
-            return "no walk: " + ("; ".join(self.failures) or "every attempt had failed before")
+            return "no walk: " + ("; ".join(self.failures) or "no attempts")
         if best.verified:
             return best.report.message
         if best.solution.success:

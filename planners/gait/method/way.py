@@ -30,9 +30,6 @@ from .budget import SolveRecord, cpu_s
 from .portfolio import Attempts, Caps, default_attempts, plan_gait
 
 LOG = logging.getLogger(__name__)
-DONE, CUT, ROUND = "done", "cut", "round"
-"""What became of a piece of a walk: it was planned, it was cut in two, or the walk goes another way
-from there on."""
 FAR_M = 6.0
 """Longer walks are planned in pieces, whatever is in their way."""
 _WALL = 2.0
@@ -168,17 +165,12 @@ def plan_walk(
     begun, way = cpu_s(), _Way(task, path)
     done, solves = list[Attempted](), list[SolveRecord]()
     while way.left:
-        piece, cut = way.left[0]
+        piece, _ = way.left[0]
         remains_s = caps.total_s - (cpu_s() - begun)
         share_s = min(remains_s, _PATIENCE * remains_s / len(way.left))
         if share_s <= 0.0:
-            count = way.outcomes.count(DONE)
-            return _ended(
-                task,
-                way,
-                solves,
-                f"the time limit ended after {count} pieces of {len(way.left) + count}",
-            )
+            pieces = f"{way.done} pieces of {len(way.left) + way.done}"
+            return _ended(task, way, solves, f"the time limit ended after {pieces}")
         choices = default_attempts(piece) if attempts is None or len(attempts) > 1 else attempts
         watched, share_caps = (
             None if progress is None else way.telling(progress),
@@ -190,7 +182,7 @@ def plan_walk(
         solves += attempts_of_piece.solves
         LOG.info(
             "walk: piece %d, %d to go: %s",
-            way.outcomes.count(DONE) + 1,
+            way.done + 1,
             len(way.left) - 1,
             attempts_of_piece.message,
         )
@@ -198,11 +190,8 @@ def plan_walk(
             return replace(_ended(task, way, solves, attempts_of_piece.message), stopped=True)
         if attempts_of_piece.best is not None and attempts_of_piece.verified:
             done.append(attempts_of_piece.best)
-            outcome = DONE
-        else:
-            outcome = CUT if cut < _AGAIN else ROUND
         try:
-            way.go(outcome)
+            way.go(attempts_of_piece.verified)
         except (InvalidInput, PlanningFailed) as error:
             place = f"from ({piece.start[0]:.2f}, {piece.start[1]:.2f})"
             other = f"; another way: {error}" if str(error) else ""
@@ -223,12 +212,12 @@ def plan_walk(
 
 
 class _Way:
-    """The pieces of a walk that are left, and what became of those before."""
+    """The pieces of a walk that are left, and how many are done."""
 
     def __init__(self, task: Walk, path: GuidePath) -> None:
         self._task, self._pace = task, task.duration_s / path.length_m
         self.paths_m, self._avoid_m = [path.points_m], list[Array]()
-        self.outcomes = list[str]()
+        self.done = 0
         self.left = [(piece, 0) for piece in pieces_of(task, path)]
 
     @property
@@ -237,12 +226,11 @@ class _Way:
         pictures.
         """
         paths = [np.round(points, 3).tolist() for points in self.paths_m]
-        return {"pieces": float(self.outcomes.count(DONE)), "guide_m": json.dumps(paths)}
+        return {"pieces": float(self.done), "guide_m": json.dumps(paths)}
 
     def telling(self, progress: Progress) -> Progress:
         """Progress that reports the piece with the phase."""
-        number = self.outcomes.count(DONE) + 1
-        piece = f"piece {number} of {number - 1 + len(self.left)}"
+        piece = f"piece {self.done + 1} of {self.done + len(self.left)}"
 
         def told(
             attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
@@ -251,14 +239,25 @@ class _Way:
 
         return told
 
-    def go(self, outcome: str) -> None:
-        """Go on after what became of the next piece.
+    def go(self, planned: bool) -> None:
+        """Go on after the next piece: cut in two, or another way round it, where it was not planned.
 
-        Raises InvalidInput and PlanningFailed where there is no other way round a piece that
-        failed.
+        Raises InvalidInput and PlanningFailed where there is no other way.
         """
         piece, cut = self.left[0]
-        if outcome == ROUND:
+        if planned:
+            del self.left[0]
+            self.done += 1
+        elif cut < _AGAIN:
+            middle, half_s = (
+                0.5 * (piece.start + piece.goal),
+                _lasting(0.5 * piece.duration_s),
+            )
+            self.left[:1] = [
+                (_between(self._task, piece.start, middle, half_s), cut + 1),
+                (_between(self._task, middle, piece.goal, half_s), cut + 1),
+            ]
+        else:
             if len(self._avoid_m) >= _DETOURS:
                 raise PlanningFailed("")
             place = 0.5 * (piece.start + piece.goal)
@@ -269,21 +268,9 @@ class _Way:
             onward = replace(self._task, start=ends[0], duration_s=self._pace * path.length_m)
             self._avoid_m, self.left = avoid, [(each, 0) for each in pieces_of(onward, path)]
             self.paths_m.append(path.points_m)
-        elif outcome == CUT:
-            middle, half_s = (
-                0.5 * (piece.start + piece.goal),
-                _lasting(0.5 * piece.duration_s),
-            )
-            self.left[:1] = [
-                (_between(self._task, piece.start, middle, half_s), cut + 1),
-                (_between(self._task, middle, piece.goal, half_s), cut + 1),
-            ]
-        else:
-            del self.left[0]
-        self.outcomes.append(outcome)
 
 
 def _ended(task: Walk, way: _Way, solves: Sequence[SolveRecord], why: str) -> Attempts:
     """No walk: pieces that were planned alone are none."""
-    message = f"planned {way.outcomes.count(DONE)} pieces of a walk round; the next one: {why}"
+    message = f"planned {way.done} pieces of a walk round; the next one: {why}"
     return Attempts(walk=task, attempts=(), feasible=(), solves=tuple(solves), failures=(message,))

@@ -18,7 +18,7 @@ import pytest
 import stancekit
 from stancekit import Motion
 from stancekit.planners.answer.motion import seal
-from stancekit.planners.answer.trajectory import SAMPLES, WalkQuestion, robot_from_json
+from stancekit.planners.answer.trajectory import WalkQuestion, robot_from_json
 from stancekit.planners.errors import InvalidInput, NoColumn
 from stancekit.planners.formats.motion_file import (
     read_motion,
@@ -29,6 +29,8 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from tests.forgeries.walks import changed
 from tests.refusals import assert_names, refuses
+
+SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
 
 
 def still(count=41) -> Motion:

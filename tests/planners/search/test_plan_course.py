@@ -20,6 +20,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.alternatives import ALTERNATIVES, Alternative
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body import WholeBodyLimits
+from stancekit.planners.robot.model import ReachRows, RelativeReach
 from stancekit.planners.robot.walker import sets_of
 from stancekit.planners.search.pieces import Standing
 from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course, replan
@@ -109,6 +110,20 @@ def test_a_proof_is_over_outer_sets_and_its_answer_has_all_that_explains_it(
     assert not check_certificate(smaller).accepted  # over sets that do not hold all that is reached
     assert stancekit.explain(outcome).relaxations
     assert stancekit.explain(outcome.certificate) == stancekit.explain(outcome)
+
+
+def test_a_proof_that_asks_where_other_feet_are_is_not_of_all_that_legs_reach(
+    high: Callable[..., Path],
+) -> None:
+    course = read_course(high(0.5, 3), sets="outer")
+    names, walls = course.robot.limb_names, np.concatenate([np.eye(3), -np.eye(3)])
+    foot = next(each.limb for each in course.footholds if each.frame)
+    rows = ReachRows(normals=walls, bounds_m=np.full(6, 0.01))
+    near = [RelativeReach(limb=foot, other=each, rows=rows) for each in names if each != foot]
+    robot = replace(course.robot, relative_reach=tuple(near))
+    certificate = TwoStage().solve(replace(course, robot=robot)).certificate
+    assert certificate is not None
+    assert (certificate.sets, check_certificate(certificate).accepted) == (None, False)
 
 
 def test_a_course_and_its_file_are_proved_with_the_same_tilt_limit(

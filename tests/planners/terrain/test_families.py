@@ -17,7 +17,6 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.families import (
     SCENE,
-    SCENES,
     SMOOTH,
     TERRAIN_FAMILIES,
     WIDE,
@@ -30,6 +29,9 @@ from stancekit.planners.terrain.polygon import STEEP, UPRIGHT, VOID_M, half_plan
 from stancekit.planners.terrain.reference import named_surface, named_terrain
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.refusals import refuses
+
+SCENES = ("stairs", "stones", "gaps", "beams", "rubble", "slopes", "walls")
+"""The families of polygons."""
 
 FAMILIES = TERRAIN_FAMILIES.names()
 

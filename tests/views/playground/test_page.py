@@ -29,7 +29,7 @@ from stancekit.views.playground.page_parts import (
     summary,
     verdict,
 )
-from stancekit.views.playground.playground import Pictures, save_course, save_plan, struck
+from stancekit.views.playground.playground import Pictures, save_course, save_plan
 from stancekit.views.playground.scenario import Scenario
 from stancekit.views.playground.serving import FEW, may_connect, misfit, own_names, served
 from stancekit.views.scene import UP
@@ -524,14 +524,6 @@ def test_tables_say_what_the_plan_has_with_units_and_names_are_text(monkeypatch)
     assert "torque [Nm]" in table
     assert "&lt;b&gt;here" in table
     assert "<script" not in verdict(SceneAnswer(message="<script>alert(1)</script>"), 3, 12.0)
-
-
-def test_a_ray_meets_the_nearest_patch():
-    course = Scenario.of("walls").course()
-    assert struck(course, [0.0, 0.0, 0.3], [0.0, 1.0, 0.0]) == 0
-    assert struck(course, [0.0, 0.0, 0.3], [0.0, -1.0, 0.0]) == 1
-    assert struck(course, [0.0, -2.0, 0.3], [0.0, 1.0, 0.0]) == 1
-    assert struck(course, [0.0, 0.0, 0.3], [1.0, 0.0, 0.0]) is None
 
 
 @pytest.mark.parametrize("name", ["", "..", "a/b", "/etc/x", ".hidden", "../x"])
