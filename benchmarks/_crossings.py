@@ -23,7 +23,6 @@ from _bench import Lines, Row, tally
 
 import stancekit
 from stancekit.planners.robot.robot_file import BUILT_IN, as_they_come, catalogue, provider_folder
-from stancekit.planners.terrain.families import SCENES
 
 HALF_M = 1.5
 RISE = tan(radians(12.0))
@@ -34,6 +33,8 @@ PROFILES: dict[str, tuple[tuple[tuple[float, float], ...], ...]] = {
     "gap": (((-2.0, 0.0), (0.44, 0.0)), ((0.56, 0.0), (3.0, 0.0))),
 }
 """Grounds by their profiles (x, z), which go on across the way [m]."""
+SCENES = ("stairs", "stones", "gaps", "beams", "rubble", "slopes", "walls")
+"""The families of polygons."""
 LEVELS = 0.05, 0.3
 """Of drawn grounds, of 1: what robots of half a metre can cross."""
 START, GOAL = (0.0, 0.0), (1.0, 0.0)

@@ -4,6 +4,7 @@ and that scripts keep to it.
 
 from __future__ import annotations
 
+import ast
 import io
 import json
 import math
@@ -11,6 +12,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -315,3 +317,15 @@ def test_a_trip_counts_what_is_called_and_made(
     with trip.counted():
         steps.walk(3)
     assert trip.figures() == {"files": 1, "functions": 2, "types": 1, "objects": 6}
+
+
+@pytest.mark.parametrize("file", sorted((ROOT / "benchmarks").glob("*.py")), ids=lambda f: f.stem)
+def test_a_benchmark_imports_what_the_package_has(file: Path) -> None:
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("stancekit."):
+            spec = find_spec(node.module)
+            tree = ast.parse(Path(spec.origin).read_text(encoding="utf-8"))
+            keys = ("name", "asname", "id", "value")
+            known = {getattr(each, key, None) for each in ast.walk(tree) for key in keys}
+            for name in (each.name for each in node.names):
+                assert name in known or find_spec(f"{node.module}.{name}"), (file.name, name)
