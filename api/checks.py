@@ -166,11 +166,12 @@ def _check_motion(
                 None if robot is None or Path(course).suffix in (".json", ".jsonl") else str(robot),
             )
             ground, gravity_m_s2, who = problem.terrain, problem.gravity_m_s2, who or problem.robot
+            heard += problem.doubts
         elif Path(str(terrain)).suffix == ".json":
-            robot_of_scene, _, ground, gravity_m_s2 = scene_of(
-                motion_file.read_motion(str(terrain))[0]
-            )
-            who = who or robot_of_scene
+            moved = motion_file.read_motion(str(terrain))[0]
+            its_robot, _, ground, gravity_m_s2 = scene_of(moved)
+            who = who or its_robot
+            heard += moved.doubts
         else:
             ground = _ground(str(terrain), options)
     if who is None:
@@ -239,7 +240,6 @@ def _check_sequence(
     ground = None if found is None else FileTerrain.of(found).along(np.zeros((1, 3)), Path())
     with located(str(path)):
         report = diagnosed(rows, who, ground, mend=why, deadline=time.perf_counter() + _LIMIT_S)
-    report = replace(report, more_doubts=() if found is None else found.doubts)
     message = "; ".join(filter(None, (report.message, report.remark)))
     return FileCheck(path=str(path), kind="sequence", report=report, message=message)
 

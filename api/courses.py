@@ -152,7 +152,10 @@ def plan(
             answer: Answer[Any] = _answer(question, planner, settings, deadline, progress)
     except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
         answer = unmet(error, planner.name, robot)
-    answer = replace(answer, more_doubts=tuple(dict.fromkeys((*answer.more_doubts, *heard))))
+    said = answer.doubts
+    answer = replace(
+        answer, more_doubts=(*answer.more_doubts, *(text for text in heard if text not in said))
+    )
     if settings.margins and answer.report is not None and answer.report.answer.keyed:
         return replace(answer, report=with_margins(answer.report))
     return answer
@@ -195,11 +198,7 @@ def _answer(
     from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
 
     if isinstance(question, LaidBetween):
-        given, answer = (
-            question.terrain.given,
-            _between_places(by_frames, question, planner, settings, deadline),
-        )
-        return replace(answer, more_doubts=() if given is None else given.doubts)
+        return _between_places(by_frames, question, planner, settings, deadline)
     return by_frames(deadline=deadline)
 
 

@@ -6,7 +6,7 @@ import json
 import re
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -127,9 +127,10 @@ def map(
 
         surrogate = surrogate_of(surrogate)
     try:
-        return make_map(
+        made = make_map(
             poses, settings, progress, began_s=began, checkpoint=path, surrogate=surrogate
         )
+        return replace(made, doubts=footholds.doubts)
     except ImportError as missing:
         raise not_installed("fit", missing.name, "networks", "rl") from None
 

@@ -260,6 +260,7 @@ class MapTerrain:
 
             draw_to_file(draw_standing_map(standing), self.picture)
         tell(self.json, standing.to_json(), _standing_table(standing))
+        say(() if self.json else standing.doubts, "doubt: {}")
         say(() if self.json else (self.out, self.picture), "wrote {}")
         return 0
 

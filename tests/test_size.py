@@ -31,12 +31,12 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1371, 17026),
-    "cli": (3034, 36797),
+    "api": (1374, 17018),
+    "cli": (3035, 36813),
     "configs": (3, 30),
     "envs": (3055, 42337),
-    "learners": (5163, 76008),
-    "planners": (34805, 574692),
+    "learners": (5161, 75992),
+    "planners": (34800, 574695),
     "runner": (6509, 89532),
     "views": (4179, 66927),
 }
@@ -71,8 +71,7 @@ def size(source: str) -> Size:
         isinstance(node, documented) and ast.get_docstring(node, clean=False) is not None
         for node in nodes
     )
-    statements = sum(isinstance(node, ast.stmt) for node in nodes)
-    return statements - docstrings, len(nodes) - docstrings
+    return sum(isinstance(node, ast.stmt) for node in nodes) - docstrings, len(nodes) - docstrings
 
 
 def sizes(root: Path, folders: tuple[str, ...]) -> dict[str, Size]:

@@ -517,7 +517,7 @@ def _with_likely(
             "infeasible": int((maker.verdict[known] == INFEASIBLE).sum()),
             "undecided": lost,
         },
-        "limits": [_or_none(value) for value in limits],
+        "limits": [value if math.isfinite(value) else None for value in limits],
     }
     return maker.map(seconds, error=settings.error, confidence=_CONFIDENCE, card=card)
 
@@ -560,7 +560,3 @@ def _level(index: _Index) -> NDArray[np.int_]:
     for power in range(1, 7):
         level[index % (1 << power) == 0] = power
     return level
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -64,11 +64,11 @@ def held(thing: Any, kind: type, *names: str) -> None:
 
 
 def doubts_of(thing: Any) -> tuple[str, ...]:
-    """Doubts of the robot of a question or an answer, and of the heights of its ground."""
-    ground = getattr(getattr(thing, "problem", thing), "terrain", None)
-    return tuple(
-        d for of in (getattr(thing, "robot", None), ground) for d in getattr(of, "doubts", ())
-    )
+    """Doubts of the robot of a question or an answer, and of its ground."""
+    asked = getattr(thing, "problem", thing)
+    its = [getattr(thing, "robot", None), asked]
+    its += [getattr(asked, name, None) for name in ("terrain", "course")]
+    return tuple(dict.fromkeys(d for of in its for d in getattr(of, "doubts", ())))
 
 
 class Evidence:

@@ -199,7 +199,7 @@ class Report(Generic[S]):
         """What readers of the robot's and the ground's files guessed, mended or left out, one line
         each.
         """
-        return (*self.answer.doubts, *self.more_doubts)
+        return tuple(dict.fromkeys((*self.answer.doubts, *self.more_doubts)))
 
     @property
     def accepted(self) -> bool:

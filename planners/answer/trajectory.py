@@ -92,6 +92,7 @@ class WalkQuestion:
         told = {each.name: getattr(self, each.name) for each in fields(self)}
         told |= {name: told[name].tolist() for name in ("adhesive", "start", "goal")}
         told |= {"robot": self.robot.to_json(), "terrain": self.terrain.name}
+        told |= {"doubts": list(self.terrain.doubts)} if self.terrain.doubts else {}
         return {"format": self.FORMAT, **told, "still": list(self.still)}
 
     def columns(self, rows: int = 0) -> dict[str, tuple[int, ...]]:

@@ -73,6 +73,7 @@ _IN_JSON: Mapping[str, Any] = MappingProxyType(
 _OF_WALK: dict[str, Any] = {
     "format": (Literal["stancekit/walk/1"], ...),
     **{each.name: (_IN_JSON[str(each.type)], ...) for each in fields(WalkQuestion)},
+    "doubts": (list[str], []),
 }
 _WalkKeys = create_model(
     "_WalkKeys",
@@ -91,7 +92,8 @@ def _walk(data: Any, where: str, arrays: dict[str, NDArray[Any]]) -> dict[str, A
     with located(place := f"{where.removesuffix('question')}columns"):
         _check_arrays(place, ground, _GROUND, ())
         surface = {name.removeprefix("terrain_"): array for name, array in ground.items()}
-        asked["terrain"] = HeightField.from_arrays(surface, asked["terrain"])
+        heights = HeightField.from_arrays(surface, asked["terrain"])
+    asked["terrain"] = replace(heights, doubts=tuple(asked.pop("doubts")))
     asked["robot"] = robot_from_json(asked["robot"])
     return {"problem": WalkQuestion(**asked)}
 

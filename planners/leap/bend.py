@@ -386,8 +386,7 @@ class LeapBender:
         ]
         times_s = leap.timings_s[plan.timing]
         timing = tuple(round(s * t, 4) for s, t in zip(stretch, times_s, strict=True))
-        retimed = replace(plan, problem=replace(leap, timings_s=(timing,)), timing=0)
-        return self._anew(retimed)
+        return self._anew(replace(plan, problem=replace(leap, timings_s=(timing,)), timing=0))
 
     def _rounds(self, judged: _JudgedLeap) -> Iterator[_JudgedLeap]:
         """Plans of one timing, each judged, from one that was judged."""

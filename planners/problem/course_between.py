@@ -337,6 +337,7 @@ class LaidBetween:
             name=_called(self.terrain.file),
             robot=robot,
             terrain=terrain.patches,
+            doubts=terrain.doubts,
             footholds=tuple(patch for _, patch in terrain.standing),
             start_m=np.array(self.start_m),
             goal_m=np.array(self.goal_m),
@@ -354,8 +355,8 @@ class LaidBetween:
         heading = float(np.arctan2(way[1], way[0]))
         if heading == 0.0 or soles or robot.feet:
             return None
-        origin = local_origin(np.array([*self.start_m, 0.0]))
-        return Frame(origin_m=origin, heading_rad=heading)
+        place = np.array([*self.start_m, 0.0])
+        return Frame(origin_m=local_origin(place), heading_rad=heading)
 
     @cached_property
     def local(self) -> LaidBetween:

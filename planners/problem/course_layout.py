@@ -94,6 +94,7 @@ def build_course(
         push_n=spec.push_n,
         standing_m=_standing(spec, placed_by, passed) if spec.weights.stance > 0.0 else None,
         wrench=_wrench(spec),
+        doubts=terrain.doubts,
     )
 
 

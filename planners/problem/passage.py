@@ -7,14 +7,14 @@ person asks who gives a terrain, a start and a goal.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array, checked, checked_members, read_only
-from ..files.codec import fields_to_json, from_json
+from ..files.codec import LATER, fields_to_json, from_json
 from ..robot.model import Robot
 from ..terrain.patch import Frame, Patch
 
@@ -202,6 +202,7 @@ class Passage:
         start_m, goal_m: places of the centre of mass, shape (2,) [m].
         near_m: horizontal distance within which it is there [m].
         frame: frame in which all of it is; None for the world.
+        doubts: what the reader of the ground's file mended or left out, one line each.
 
     Raises:
         InvalidInput: for a wrong shape, and numbers out of range.
@@ -217,6 +218,7 @@ class Passage:
     goal_m: Array
     near_m: float
     frame: Frame | None = None
+    doubts: tuple[str, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
         for name in ("terrain", "footholds"):

@@ -102,6 +102,7 @@ class Problem:
         wrench: force [N] and moment about the centre of mass [Nm] that act on the body in addition
             to its weight at each frame, such as those of a payload, wind or a rope, in world axes,
             shape (M, 6) (``problem.wrench``); None for none.
+        doubts: what the reader of the ground's file mended or left out, one line each.
         sides: half-spaces n·Δ ≥ b, rows (n, b), one for each of ``least_steps``, in the place of
             ‖Δ‖ ≥ δ, as a planner that branches over directions asks for them, shape (E, 4); None
             where the least steps are asked for. No file has them.
@@ -148,6 +149,7 @@ class Problem:
     push_n: float = field(default=0.0, metadata=LATER)
     wrench: Array | None = field(default=None, metadata=LATER)
     modes: tuple[int, ...] | None = None
+    doubts: tuple[str, ...] = field(default=(), metadata=LATER)
     sides: Array | None = field(default=None, metadata=UNWRITTEN)
 
     def __post_init__(self) -> None:
@@ -805,20 +807,6 @@ class Problem:
             return self
         before = np.zeros((self.frames, 6)) if self.wrench is None else self.wrench
         return replace(self, wrench=before + wrench)
-
-    def with_choice(self, choice: Sequence[int] | NDArray[np.int_]) -> Problem:
-        """The course with one candidate a foothold."""
-        return replace(
-            self,
-            footholds=tuple(
-                replace(
-                    foothold,
-                    candidates=(foothold.candidates[int(chosen)],),
-                    yaws_rad=foothold.yaws_rad[int(chosen) : int(chosen) + 1],
-                )
-                for foothold, chosen in zip(self.footholds, choice, strict=True)
-            ),
-        )
 
     def _check_posture(self) -> None:
         """Raise InvalidInput unless it can be asked without an objective, as a posture problem."""

@@ -261,6 +261,7 @@ def sequence_course(
         name="sequence",
         robot=who,
         terrain=tuple(under) if ground is None else ground.patches,
+        doubts=() if ground is None else ground.doubts,
         footholds=tuple(footholds[row] for row in order),
         lifts=((), *(names for lifted in lifts for names in ((), lifted))),
         com_nominal_m=com_m,

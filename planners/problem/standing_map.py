@@ -68,6 +68,7 @@ class StandingMap:
         seconds: time that each part took, by name [s].
         card: how the likely answers were learned and calibrated.
         options: what was asked of the terrain's file and of footholds, other than the usual.
+        doubts: what the reader of the terrain's file mended or left out, one line each.
         frame: frame of the places that are asked for; None for the map's own.
 
     Raises:
@@ -101,6 +102,7 @@ class StandingMap:
     seconds: dict[str, float] = field(default_factory=dict)
     card: dict[str, Any] = field(default_factory=dict)
     options: dict[str, Any] = field(default_factory=dict)
+    doubts: tuple[str, ...] = ()
     frame: Frame | None = None
 
     @property
@@ -195,6 +197,7 @@ class StandingMap:
             "seconds": self.seconds,
             "card": self.card,
             "options": self.options,
+            "doubts": list(self.doubts),
         }
 
     def save(self, path: str | Path) -> None:
@@ -274,6 +277,7 @@ class StandingMap:
                 "seconds": {str(k): float(v) for k, v in dict(head["seconds"]).items()},
                 "card": dict(head["card"]),
                 "options": dict(head.get("options", {})),
+                "doubts": tuple(map(str, head.get("doubts", ()))),
             }
             return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
         except _DAMAGED as error:

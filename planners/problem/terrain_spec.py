@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -183,7 +184,8 @@ class FileTerrain(TerrainSpec):
         pieces = tuple(piece.on(self.friction) for piece in standing)
         lines = [patch for patch, piece in zip(pieces, standing, strict=True) if piece.turn_rad]
         each = [*(patch.with_friction(self.friction) for patch in footholds.surfaces), *lines]
-        return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.inset_m)
+        made = Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.inset_m)
+        return replace(made, doubts=footholds.doubts)
 
     @property
     def given(self) -> Footholds | None:

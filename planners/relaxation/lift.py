@@ -350,8 +350,7 @@ class LiftProgram:
 
     def solve(self, scaled: Scaled) -> LiftAnswer:
         """Solve for a problem of this layout."""
-        solution = self.rows.solve(Given(scaled))
-        return self._answer(scaled, solution)
+        return self._answer(scaled, self.rows.solve(Given(scaled)))
 
     def _answer(self, scaled: Scaled, solution: ConicSolution) -> LiftAnswer:
         least = "residual" in solution.columns

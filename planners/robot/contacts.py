@@ -317,8 +317,7 @@ def _farthest(shape: Shape, rotation: Array, origin_m: Array) -> Array:
     """The end of a shape that is farthest from the link's origin, about, in the last joint's frame,
     shape (3,) [m].
     """
-    turn = rotation @ shape.rotation.T
-    return np.asarray(origin_m + turn @ (shape.far_m - shape.origin_m))
+    return np.asarray(origin_m + rotation @ shape.rotation.T @ (shape.far_m - shape.origin_m))
 
 
 def _balls(

@@ -137,8 +137,7 @@ class Kinematics:
 
     def carried(self, rotation: Array, origin_m: Array) -> Any:
         """The joint that carries the base, as pinocchio has it, where the base's frame is at a place."""
-        home = self._pin.XYZQUATToSE3(self._rest[self.base])
-        return self._pin.SE3(rotation, origin_m) * home
+        return self._pin.SE3(rotation, origin_m) * self._pin.XYZQUATToSE3(self._rest[self.base])
 
     def turned_rad(self, angles: Array) -> Array:
         """Turns of the joints between rows of angles, the shorter way where a joint turns freely,

@@ -695,8 +695,7 @@ class Actuators(Strict):
 
         Raises InvalidInput for joints that have none, and for patterns of no joint.
         """
-        known = self.known
-        return tuple(known[name] for name in self.names(joints))
+        return tuple(self.known[name] for name in self.names(joints))
 
     def names(self, joints: Sequence[str]) -> tuple[str, ...]:
         """Names of the actuators of these joints.

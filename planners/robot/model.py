@@ -877,6 +877,7 @@ def robot_of(model: RobotModel) -> Robot:
             name=leg.name,
             shoulder_m=leg.hip_m - model.com_m,
             reach_m=leg.chain.length_m + leg.radius_m,
+            sole_m=None if leg.sole is None else leg.sole.points_m,
         )
         for leg in model.legs
     )

@@ -222,8 +222,7 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
     if path.suffix in YAML:
         return model_of_keys(read_keys(path), path, srdf)
     if path.suffix in ROBOTS:
-        semantics = "" if srdf is None else read_text(srdf)
-        return _model_of_file(path, srdf=semantics)
+        return _model_of_file(path, srdf="" if srdf is None else read_text(srdf))
     if str(name) in BUILT_IN:
         return hexapod_model()
     raise unknown(name, BUILT_IN)
@@ -272,8 +271,7 @@ def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Ro
         return hexapod()
     from .walker import contact_robot
 
-    model = named_robot(robot, srdf=srdf)
-    return contact_robot(model)
+    return contact_robot(named_robot(robot, srdf=srdf))
 
 
 def robot_path(name: str | Path) -> Path:

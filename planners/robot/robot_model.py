@@ -418,8 +418,7 @@ class RobotModel:
     def limit_doubts(self) -> tuple[str, ...]:
         """Joints of legs whose limits were guessed, and why, a line for all of the same."""
         moved = set(self.joint_names)
-        guessed = [each for each in limit_doubts(self.tree) if each[0] in moved]
-        return self.lines_of(guessed)
+        return self.lines_of([each for each in limit_doubts(self.tree) if each[0] in moved])
 
     def lines_of(self, doubts: Sequence[tuple[str, str]]) -> tuple[str, ...]:
         """Doubts on joints, a line for all joints of the same."""

@@ -35,11 +35,11 @@ from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import skew
 from ..errors import InvalidInput, TimeEnded, check_time
-from ..files.arrays import Array
+from ..files.arrays import Array, lengths
 from ..projection.whole_body import WholeBodyLimits, whole_body
 from ..robot.kinematics import Kinematics
 from ..verify import Report, check_plan
-from ..verify.geometry import LEAST_PUSH, length, tipping
+from ..verify.geometry import LEAST_PUSH, tipping
 from .answer import objective_of
 
 LOG = logging.getLogger(__name__)
@@ -370,8 +370,8 @@ class _Sets:
         turned = x[:, turn]
         np.minimum(np.maximum(turned, -tilt, out=turned), tilt, out=turned)
         away, f = self._vectors(x, balls), self._vectors(x, forces)
-        away *= np.minimum(1.0, self.radii / np.maximum(length(away), 1e-300))[..., None]
-        normal, shear = f[..., 0], length(f[..., 1:])
+        away *= np.minimum(1.0, self.radii / np.maximum(lengths(away), 1e-300))[..., None]
+        normal, shear = f[..., 0], lengths(f[..., 1:])
         onto = np.where(shear <= friction * normal, normal, (normal + friction * shear) / steep)
         np.minimum(np.maximum(onto, low, out=onto), high, out=normal)
         f[..., 1:] *= np.minimum(1.0, friction * normal / np.maximum(shear, 1e-300))[..., None]
@@ -402,10 +402,10 @@ class _Sets:
     def hold(self, points: PointBatch) -> NDArray[np.bool_]:
         """Tell whether points with their toes on their patches lie in K, shape (B,)."""
         like, normal = self.scaled.like, points.forces[..., 0]
-        cones = length(points.forces[..., 1:]) <= self.scaled.friction * normal - _INSIDE
+        cones = lengths(points.forces[..., 1:]) <= self.scaled.friction * normal - _INSIDE
         cones &= (normal >= self.low + _INSIDE) & (normal <= self.high - _INSIDE)
-        legs = length(points.legs(like)) <= like.reach - _INSIDE
-        body = (length(points.com - like.com) <= like.com_radius - _INSIDE) & (like.tilt > 0.0)
+        legs = lengths(points.legs(like)) <= like.reach - _INSIDE
+        body = (lengths(points.com - like.com) <= like.com_radius - _INSIDE) & (like.tilt > 0.0)
         return np.asarray(cones.all(axis=1) & legs.all(axis=1) & body)
 
     def toes(self, x: Array) -> Array:

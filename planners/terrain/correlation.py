@@ -485,8 +485,7 @@ def _alike(cells: GroundCells, near_m: float, told_m: float, fitted: Noise | Non
     if fitted is None or fitted.length_m > _LONGEST_M:
         return noise
     seen = replace(fitted, deviation_m=told_m)
-    per_m2 = cells.spacing_m**-2
-    return max(noise, seen, key=lambda each: each.samples_alike(per_m2))
+    return max(noise, seen, key=lambda each: each.samples_alike(cells.spacing_m**-2))
 
 
 def _residuals(cells: GroundCells, *, wide: bool) -> list[float]:

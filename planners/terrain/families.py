@@ -48,6 +48,7 @@ class Terrain:
         begin_m: point of the ground over which a course begins, shape (3,) [m].
         laid: makes the heights where they go on beyond the patches; without it they are those of
             the patches.
+        doubts: what the reader of its file mended or left out, one line each.
     """
 
     patches: tuple[Patch, ...]
@@ -58,6 +59,7 @@ class Terrain:
     figures: Mapping[str, float] = field(default_factory=dict)
     begin_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     laid: Callable[[], HeightField | None] | None = None
+    doubts: tuple[str, ...] = ()
 
     @property
     def standing(self) -> tuple[tuple[str, Patch], ...]:

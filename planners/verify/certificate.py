@@ -355,6 +355,16 @@ _CUTS: Mapping[float, tuple[Callable[..., list[_Node]], int, str]] = {
 """The children of a node by its kind, how many of its numbers say them, and what the others are."""
 
 
+class Refused(Exception):
+    """A certificate that proves nothing, and why."""
+
+
+def expect(holds: object, what: str) -> None:
+    """Raise Refused, which says what was expected, where it does not hold."""
+    if not holds:
+        raise Refused(f"expected {what}")
+
+
 def leaves_of(tree: Array, root: Node, children: Callable[..., Sequence[Node]]) -> Iterator[Node]:
     """The leaves of a tree in preorder.
 

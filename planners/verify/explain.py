@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.certificate import Certificate
-from ..files.arrays import Array
+from ..files.arrays import Array, lengths
 from ..problem import Problem
 from ..problem.contact import LINEAR
 from ..problem.leap import Leap
 from ..problem.passage import Passage
 from .certificate import GAP, Forest, check_certificate, forest_of, posture_problem
-from .geometry import length
 from .lagrangian import (
     Leaves,
     Numbers,
@@ -295,7 +294,7 @@ def _of_wrench(problem: Problem, forest: Forest, found: Explanation) -> Explanat
     limbs = tuple(problem.legs[limb] for limb in stance.limbs)
     where = " ".join(limbs)
     where += "" if problem.is_posture else f" at frame {stance.frame}"
-    force, moment = (float(length(part)) for part in np.split(problem.wrench[stance.frame], 2))
+    force, moment = (float(lengths(part)) for part in np.split(problem.wrench[stance.frame], 2))
     now, unit = (force, "N") if force > 0.0 else (moment, "Nm")
     most = Relaxation(
         parameter=f"wrench on {where}",
@@ -409,7 +408,7 @@ def _limits(
     """
     names, who = course.robot.limb_names, numbers.schedule
     m = multipliers_of(who, leaf.multipliers)
-    pushes = (length(m["nu_F"]) + length(m["nu_M"]))[0]
+    pushes = (lengths(m["nu_F"]) + lengths(m["nu_M"]))[0]
     hardest = int(pushes.argmax())
     stance = course.stances[hardest]
     limbs = tuple(names[i] for i in stance.limbs)
@@ -450,14 +449,14 @@ def _lengths(
     unit_m, steps = course.unit_m, course.steps
     gripped, reach = (
         half_space_pulls(numbers.schedule, numbers.row_normals[leaf.problem], m),
-        length(m["reach"])[0],
+        lengths(m["reach"])[0],
     )
     if gripped is not None:
         for h, limb in enumerate(numbers.schedule.row_limb):
             reach[:, limb] += m["reach_rows"][0, :, h]
     pulls = m["reach"] if gripped is None else m["reach"] + gripped
     linear = with_sides(numbers, leaf)[2]
-    pull = length(body_pulls(numbers, leaf.problem, pulls, m, linear)[0])[0]
+    pull = lengths(body_pulls(numbers, leaf.problem, pulls, m, linear)[0])[0]
     of_toes = numbers.schedule.least_toes
     between = m["relative_reach"][0]
     between, least_toes = np.split(between, [len(between) - of_toes])
@@ -484,13 +483,13 @@ def _lengths(
             unit_m,
             "m",
         ),
-        (float(length(m["com_step"]).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
-        (float(length(m["toe_step"]).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
+        (float(lengths(m["com_step"]).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
+        (float(lengths(m["toe_step"]).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
         (float(between.sum()), "reach between feet", 0.0, unit_m, "m"),
         (float(least_toes), "steps.least_toe_m", steps.least_toe_m, unit_m, "m"),
         (float(least_turns), "steps.least_rotation_rad", steps.least_rotation_rad, 1.0, "rad"),
         (
-            float(length(m["rotation_step"]).sum()),
+            float(lengths(m["rotation_step"]).sum()),
             "steps.rotation_rad",
             steps.rotation_rad,
             1.0,

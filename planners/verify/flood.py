@@ -40,7 +40,7 @@ from ..files.arrays import Array
 from ..problem.passage import FACING_UP, Passage, tops_of_solids
 from ..robot.outer_sets import Extent
 from ..terrain.patch import Patch
-from .certificate import proof_report
+from .certificate import Refused, expect, proof_report
 from .explain import Explanation
 
 KINDS = MappingProxyType({"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4})
@@ -63,7 +63,7 @@ def check_flood(certificate: Certificate) -> Report[Certificate]:
     """Replay a certificate about a passage; never raises for a bad one."""
     try:
         states = _Replay(certificate).check()
-    except (InvalidInput, _Refused) as error:
+    except (InvalidInput, Refused) as error:
         return proof_report(certificate, 0.0, 0.0, 0, -1, f"rejected: {error}")
     message = f"every step out of {states} states is refuted, and the goal is in none of them"
     return proof_report(certificate, 0.0, np.inf, states, -1, message)
@@ -91,20 +91,10 @@ def _depth(certificate: Certificate, extent: Extent) -> str:
     """The assumption about a centre of mass that may leave the trunk, where a step needs it."""
     if not extent.assumes:
         return ""
-    with suppress(_Refused):
+    with suppress(Refused):
         _Replay(certificate, replace(extent, outward_m=np.inf)).check()
         return ""
     return f", the centre of mass never more than {extent.depth_m:.2g} m below its surface"
-
-
-class _Refused(Exception):
-    """A certificate that proves nothing, and why."""
-
-
-def _expect(holds: object, what: str) -> None:
-    """Raise _Refused, which says what was expected, where it does not hold."""
-    if not holds:
-        raise _Refused(f"expected {what}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -129,16 +119,16 @@ class _Replay:
     def __init__(self, certificate: Certificate, extent: Extent | None = None) -> None:
         passage = certificate.refuted
         if not isinstance(passage, Passage):
-            raise _Refused("expected a passage")
+            raise Refused("expected a passage")
         self.passage, self.extent = passage, extent or Extent.of(passage.robot)
         tree, self.directions = certificate.tree, certificate.multipliers
         numbers = tree.shape[1:] == (5,) and np.isfinite(tree).all()
-        _expect(numbers, "rows of five finite numbers")
-        _expect(self.directions.shape[1:] == (2,), "directions in the plane")
+        expect(numbers, "rows of five finite numbers")
+        expect(self.directions.shape[1:] == (2,), "directions in the plane")
         sizes = np.linalg.norm(self.directions, axis=1)
-        _expect(np.all(np.abs(sizes - 1.0) < ROOM_M), "directions of length 1")
+        expect(np.all(np.abs(sizes - 1.0) < ROOM_M), "directions of length 1")
         rows = {name: tree[tree[:, 0] == kind] for name, kind in KINDS.items()}
-        _expect(sum(map(len, rows.values())) == len(tree), "rows of the kinds that there are")
+        expect(sum(map(len, rows.values())) == len(tree), "rows of the kinds that there are")
         self._place(rows["raster"], rows["spacing"])
         self.grow = self.extent.sole_m
         self.surfaces = self._surfaces(rows["piece"])
@@ -147,20 +137,20 @@ class _Replay:
     def _place(self, raster: Array, spacing: Array) -> None:
         """Take the raster, which has to be all over the map."""
         one = len(raster) == len(spacing) == 1 and 0.0 < spacing[0, 3] <= MOST_SPACING_M
-        _expect(one, f"one raster of up to {MOST_SPACING_M:g} m")
+        expect(one, f"one raster of up to {MOST_SPACING_M:g} m")
         counts = raster[0, 1:3].astype(int)
         whole = np.all(counts >= 1) and np.all(counts == raster[0, 1:3])
-        _expect(whole and np.prod(counts) <= _MOST_CELLS, f"up to {_MOST_CELLS} cells")
+        expect(whole and np.prod(counts) <= _MOST_CELLS, f"up to {_MOST_CELLS} cells")
         self.size, self.corner = float(spacing[0, 3]), raster[0, 3:5]
         self.counts = (int(counts[0]), int(counts[1]))
         every = [
             each.vertices_m[:, :2] for each in (*self.passage.terrain, *self.passage.footholds)
         ]
-        _expect(every, "a terrain")
+        expect(every, "a terrain")
         corners, end = np.concatenate(every), self.corner + self.size * counts
         self.low, self.high = corners.min(axis=0), corners.max(axis=0)
         over = np.all(self.low >= self.corner - ROOM_M) and np.all(self.high <= end + ROOM_M)
-        _expect(over, "a raster all over the map")
+        expect(over, "a raster all over the map")
         self.half = self.size * float(np.sqrt(0.5))
         axes = [self.corner[k] + self.size * (np.arange(self.counts[k]) + 0.5) for k in range(2)]
         self.xy = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -169,8 +159,8 @@ class _Replay:
         """The surfaces, which have to hold every foothold once."""
         every, nodes = list(range(len(self.passage.footholds))), np.unique(rows[:, 1])
         once = sorted(rows[:, 2].tolist()) == every and 1 <= len(nodes) <= _MOST_NODES
-        _expect(once, f"every foothold in one of up to {_MOST_NODES} surfaces")
-        _expect(np.array_equal(nodes, np.arange(len(nodes))), "surfaces by number")
+        expect(once, f"every foothold in one of up to {_MOST_NODES} surfaces")
+        expect(np.array_equal(nodes, np.arange(len(nodes))), "surfaces by number")
         return [
             _Surface(
                 pieces=tuple(self.passage.footholds[int(p)] for p in rows[rows[:, 1] == node, 2])
@@ -184,10 +174,10 @@ class _Replay:
         for number in np.unique(sets[:, 1]):
             chosen = frozenset(int(i) for i in sets[sets[:, 1] == number, 2])
             new = chosen not in held and chosen <= set(range(len(self.surfaces)))
-            _expect(new, "every set of surfaces once")
+            expect(new, "every set of surfaces once")
             cells = np.zeros(self.counts[0] * self.counts[1], dtype=bool)
             for first, last in runs[runs[:, 1] == number, 3:5].astype(int):
-                _expect(0 <= first < last <= len(cells), "runs of cells of the raster")
+                expect(0 <= first < last <= len(cells), "runs of cells of the raster")
                 cells[first:last] = True
             held[chosen] = cells.reshape(self.counts)
         return held
@@ -195,7 +185,7 @@ class _Replay:
     def check(self) -> int:
         """Number of states that are held.
 
-        Raises _Refused where a neighbouring state is not refuted.
+        Raises Refused where a neighbouring state is not refuted.
         """
         nowhere = np.zeros(self.counts, dtype=bool)
         start, goal = (self._about(place) for place in (self.passage.start_m, self.passage.goal_m))
@@ -205,13 +195,13 @@ class _Replay:
         ):
             here = self.held.get(chosen, nowhere)
             if (here & goal).any():
-                raise _Refused("a state that may be reached is at the goal")
+                raise Refused("a state that may be reached is at the goal")
             across = _beside(here) | start
             for i in numbers:  # a foot may touch several surfaces, where they meet
                 across |= self.held.get(chosen ^ {i}, nowhere)
             open_ = across & ~here
             if open_.any() and not self._refuted(chosen, open_).all():
-                raise _Refused(
+                raise Refused(
                     f"a step on surfaces {', '.join(map(str, sorted(chosen)))} is not refuted"
                 )
         return int(sum(cells.sum() for cells in self.held.values()))

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.plan import Plan
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cross, lengths
 from ..problem.contact import Contact
 from ..robot.model import Limb, Robot
 from ..terrain.patch import FOR_BODIES_M, Certainty, Patch
@@ -40,14 +40,9 @@ _FOLLOWING = np.array([1, 2, 0])
 """The corner of a triangle after each."""
 
 
-def length(vectors: Array) -> Array:
-    """Euclidean norm along the last axis."""
-    return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
-
-
 def exact_and_linear(rotation: Array, vectors: Array) -> tuple[Array, Array]:
     """exp([Θ]×) v by Rodrigues' formula and (I + [Θ]×) v; shapes (..., 3) each that go together."""
-    angle = length(rotation)
+    angle = lengths(rotation)
     flat = np.maximum(angle, 1e-12)
     sine = np.where(angle < 1e-12, 1.0, np.sin(angle) / flat)
     versine = np.where(angle < 1e-6, 0.5, (1.0 - np.cos(angle)) / flat**2)
@@ -68,7 +63,7 @@ def contact_frames(normals: Array, references: Array) -> Array:
     """
     n = normals
     z = references - np.vecdot(references, n)[..., None] * n
-    z /= length(z)[..., None]
+    z /= lengths(z)[..., None]
     frames = np.empty((*n.shape, 3))
     frames[..., 0], frames[..., 1], frames[..., 2] = n, cross(z, n), z
     return frames
@@ -143,7 +138,7 @@ def hull_distance(vertices: Array, point: Array) -> float:
     except RuntimeError:  # too many steps: any combination is an upper bound
         shares = np.ones(len(away))
     total = float(shares.sum())
-    return float(length(shares @ away)) / total if total > 0.0 else math.inf
+    return float(lengths(shares @ away)) / total if total > 0.0 else math.inf
 
 
 def _bent(corners: Array) -> NDArray[np.bool_]:
@@ -154,7 +149,7 @@ def _bent(corners: Array) -> NDArray[np.bool_]:
     edges = np.roll(from_mean, -1, axis=1) - from_mean
     size = np.abs(from_mean).max(axis=(1, 2))
     normals = cross(from_mean, edges).sum(axis=1)
-    normals /= np.maximum(length(normals), 1e-300)[:, None]
+    normals /= np.maximum(lengths(normals), 1e-300)[:, None]
     heights = np.abs(np.vecdot(from_mean, normals[:, None])).max(axis=1)
     turns = np.vecdot(cross(np.roll(edges, 1, axis=1), edges), normals[:, None]).min(axis=1)
     return np.asarray((heights > _FLAT * size) | (turns < -_FLAT * size * size))
@@ -377,7 +372,7 @@ def off_sole(patch: Patch, region: Patch, offsets: Array, toe: Array, claimed: A
     )
     centre = float(patch_distances([region.vertices_m], toe[None])[0])
     off = patch_distances([patch.vertices_m] * len(offsets), points[: len(offsets)])
-    return max(centre, float(off.max()), float(length(claimed - points).max()))
+    return max(centre, float(off.max()), float(lengths(claimed - points).max()))
 
 
 def counts_of(limbs: tuple[Limb, ...] | tuple[Contact, ...]) -> tuple[int, ...]:
@@ -518,7 +513,7 @@ def relative_rows(robot: Robot, holds: NDArray[np.intp]) -> tuple[NDArray[np.int
 def most_turned(vectors: Array) -> Array:
     """t(x), the largest ‖Θ × x‖ over |Θ_i| ≤ 1, shape (…, 3) to (…)."""
     corners = np.array([[1.0, y, z] for y in (1.0, -1.0) for z in (1.0, -1.0)])  # or opposite ones
-    return np.asarray(length(cross(corners, vectors[..., None, :])).max(axis=-1))
+    return np.asarray(lengths(cross(corners, vectors[..., None, :])).max(axis=-1))
 
 
 LEAST_PUSH = 0.01

@@ -51,8 +51,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import cached_property
-from ..files.arrays import Array, cross
-from .geometry import length, most_turned
+from ..files.arrays import Array, cross, lengths
+from .geometry import most_turned
 from .stances import Index, Schedule
 
 
@@ -311,15 +311,15 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         numbers.shoulders[q],
         numbers.tilt[q],
     )
-    far_com = length(com) + numbers.com_radius[q] + _SLACK  # ‖c‖, (L, M)
+    far_com = lengths(com) + numbers.com_radius[q] + _SLACK  # ‖c‖, (L, M)
     most = (
-        length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * _SLACK
+        lengths(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * _SLACK
     )  # ‖f‖, (L, B)
     pushed, torque, pulled, stretch = (
-        length(m["nu_F"]),
-        length(m["nu_M"]),
-        length(pull),
-        length(m["reach"]),
+        lengths(m["nu_F"]),
+        lengths(m["nu_M"]),
+        lengths(pull),
+        lengths(m["reach"]),
     )
     reached, twisted = stretch.sum(axis=1), np.abs(twist).sum(axis=(1, 2))
 
@@ -330,7 +330,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     slack = np.array([0.0, _SLACK])[:, None]  # as the problem is, and widened
     off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
     candidates -= (
-        off_patch * (length(toes) + leverage)[:, numbers.candidate]
+        off_patch * (lengths(toes) + leverage)[:, numbers.candidate]
     )  # ‖q − Σ λ v‖ ≤ off_patch
     value = (
         np.vecdot(pull, com).sum(axis=1)
@@ -348,7 +348,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
             axis=1
         )  # both balances are off by slack
     )
-    arm = length(shoulders) * (1.0 + 2.0 * (tilt + _SLACK))[:, None] + numbers.reach[q] + _SLACK
+    arm = lengths(shoulders) * (1.0 + 2.0 * (tilt + _SLACK))[:, None] + numbers.reach[q] + _SLACK
     carried = (torque[:, who.stance] * far[:, who.foothold] + pushed[:, who.stance]) * most
     terms = (
         weight * (pushed + torque * far_com[:, who.frame]).sum(axis=1)
@@ -358,7 +358,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     if numbers.wrench is not None:
         force, moment = numbers.wrench[q, :, :3], numbers.wrench[q, :, 3:]
         value += (np.vecdot(m["nu_F"], force) + np.vecdot(m["nu_M"], moment)).sum(axis=1)
-        size = (pushed + torque * far_com[:, who.frame]) * length(force) + torque * length(moment)
+        size = (pushed + torque * far_com[:, who.frame]) * lengths(force) + torque * lengths(moment)
         terms += size.sum(axis=1)
     value = _with_steps(value, loose, terms, numbers, m, linear, far_com, far, tilt + _SLACK)
     if len(who.apart):
@@ -371,7 +371,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         used, bounds, bent = (
             m["reach_rows"].sum(axis=1),
             numbers.row_bounds[q],
-            length(gripped).sum(axis=1),
+            lengths(gripped).sum(axis=1),
         )
         value = value - np.vecdot(used, bounds)  # (a + Θ × a)·(q − c) ≤ b
         value = value - bending(
@@ -411,7 +411,7 @@ def _with_steps(
     if len(who.holds) > 1:
         used = np.stack(
             [
-                length(group).sum(axis=1)
+                lengths(group).sum(axis=1)
                 for group in (m["com_step"], m["rotation_step"], m["toe_step"])
             ],
             axis=1,
@@ -428,9 +428,9 @@ def _with_steps(
         used, size = m["linear_step"], np.abs(linear)  # (L, M − 1, R), (L, M − 1, R, 7)
         value -= (used * linear[..., 6]).sum(axis=(1, 2))  # a·(c' − c, Θ' − Θ) ≤ b
         loose += used.sum(axis=(1, 2))
-        weighed = size[..., 6] + 2.0 * length(size[..., 3:6]) * (1.0 + _SLACK)
+        weighed = size[..., 6] + 2.0 * lengths(size[..., 3:6]) * (1.0 + _SLACK)
         terms += (used * weighed).sum(axis=(1, 2))
-        terms += (used * length(size[..., :3])).sum(axis=(1, 2)) * 2.0 * far_com.max(axis=1)
+        terms += (used * lengths(size[..., :3])).sum(axis=(1, 2)) * 2.0 * far_com.max(axis=1)
         value = np.where((m["linear_step"] < 0.0).any(axis=(1, 2)), -np.inf, value)
     return value
 
@@ -486,8 +486,8 @@ def _candidates(
             work + np.vecdot(toes[leaf, place], v), begins, axis=1
         )
         gone[there] = missed[begins]
-        far[there] = np.maximum.reduceat(length(v), begins)
-        far[there] += 0.0 if numbers.offsets is None else float(length(numbers.offsets).max())
+        far[there] = np.maximum.reduceat(lengths(v), begins)
+        far[there] += 0.0 if numbers.offsets is None else float(lengths(numbers.offsets).max())
     candidates[:, gone] = np.inf
     empty = np.asarray(
         np.logical_and.reduceat(gone.reshape(shape), numbers.first_candidate, axis=1).any(axis=1)

@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 from ..answer.certificate import Certificate
 from ..answer.report import Report
 from ..errors import InvalidInput
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cross, lengths
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
-from .certificate import leaves_of, proof_report
+from .certificate import Refused, expect, leaves_of, proof_report
 from .explain import Explanation, Relaxation, halved
-from .geometry import length, most_turned
+from .geometry import most_turned
 
 _MOST_GRIP = 3.0
 """An explanation looks no further."""
@@ -52,7 +52,7 @@ def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
         leaves = _replayed(leap, certificate)
         timed = [_Bounds(leap, timing) for timing in range(len(leap.timings_s))]
         bounds = np.array([timed[timing].parts(row).least(of) for timing, of, row in leaves])
-    except (InvalidInput, _Refused) as error:
+    except (InvalidInput, Refused) as error:
         return proof_report(certificate, GUARD, 0.0, 0, -1, f"rejected: {error}")
     weakest = int(bounds.argmin())
     bound = float(bounds[weakest])
@@ -91,7 +91,7 @@ class Refuter:
             return nothing
         try:
             parts = self._weighed(timing, row / max(float(np.abs(row).max(initial=0.0)), 1e-300))
-        except _Refused:
+        except Refused:
             return nothing
         there = ((choices >= 0) & (choices < options)).all(axis=1)
         value = cache(partial(parts.bounds.candidate, parts))
@@ -161,16 +161,6 @@ def explain_leap(certificate: Certificate) -> Explanation:
     return Explanation(relaxations=tuple(relaxations), message=message)
 
 
-class _Refused(Exception):
-    """Reason why a certificate proves nothing."""
-
-
-def _expect(holds: object, what: str) -> None:
-    """Raise _Refused, which says what was expected, where it does not hold."""
-    if not holds:
-        raise _Refused(f"expected {what}")
-
-
 _Open = tuple[list[int], list[list[int]]]
 """Timings, and candidates by foothold, that are open."""
 
@@ -179,9 +169,9 @@ def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list
     """(timing, open candidates by foothold, multipliers) of every leaf of a tree, in preorder."""
     tree, rows = certificate.tree, certificate.multipliers
     shaped = tree.shape[1:] == (5,) and len(tree) and rows.ndim == 2
-    _expect(shaped, "a tree of rows of five numbers, and a row of multipliers per leaf")
+    expect(shaped, "a tree of rows of five numbers, and a row of multipliers per leaf")
     finite = np.isfinite(tree).all() and np.isfinite(rows).all()
-    _expect(finite, "finite numbers, got other values")
+    expect(finite, "finite numbers, got other values")
     whole = [list(range(len(foothold.candidates))) for foothold in leap.footholds]
 
     def children(
@@ -197,14 +187,14 @@ def _replayed(leap: Leap, certificate: Certificate) -> list[tuple[int, list[list
             on[j] = [r]
             off[j].remove(r)
             return [(timings, off), (timings, on)]
-        raise _Refused(
+        raise Refused(
             f"expected a leaf, a timing or an open candidate, got node {[kind, first, second]}"
         )
 
     leaves = list(leaves_of(tree, (list(range(len(leap.timings_s))), whole), children))
-    _expect(all(len(timings) == 1 for timings, _ in leaves), "one timing at a leaf")
+    expect(all(len(timings) == 1 for timings, _ in leaves), "one timing at a leaf")
     many = f"{len(leaves)} rows of multipliers, one per leaf, got {len(rows)}"
-    _expect(len(leaves) == len(rows), many)
+    expect(len(leaves) == len(rows), many)
     return [(timings[0], opened, row) for (timings, opened), row in zip(leaves, rows, strict=True)]
 
 
@@ -285,28 +275,28 @@ class _Bounds:
             if (spaces := limb.reach_rows) is not None:
                 rows += [at] * len(spaces.bounds_m)
                 normals.append(spaces.normals)
-                out = bend * length(limb.shoulder_m) + tilt * most_turned(limb.shoulder_m)
+                out = bend * lengths(limb.shoulder_m) + tilt * most_turned(limb.shoulder_m)
                 room = tilt * most_turned(spaces.normals) * (limb.reach_m + out)
                 bounds.append(spaces.bounds_m + room)
         self.row = np.array(rows, dtype=np.intp)
         self.normals, self.bounds = np.concatenate(normals), np.concatenate(bounds)
         self.shoulders = np.array([limb.shoulder_m for limb in limbs])[self.limb]
         reach_m = np.array([limb.reach_m for limb in limbs])[self.limb]
-        self.reach = reach_m + bend * length(self.shoulders)
+        self.reach = reach_m + bend * lengths(self.shoulders)
 
     def parts(self, row: Array) -> _Parts:
         """Weights of multipliers.
 
-        Raises _Refused for a row of another length.
+        Raises Refused for a row of another length.
         """
-        _expect(
+        expect(
             len(row) == sum(self.sizes), f"{sum(self.sizes)} multipliers per leaf, got {len(row)}"
         )
         reach, spaces, height, goal, end, rest, moment = np.split(row, np.cumsum(self.sizes)[:-1])
         reach, rest, moment = (part.reshape(-1, 3) for part in (reach, rest, moment))
         spaces, height = np.maximum(spaces, 0.0), np.maximum(height, 0.0)
         leap, limits, ends = self.leap, self.leap.limits, self.ends
-        start, last, sizes = leap.start, float(ends[-1]), length(reach)
+        start, last, sizes = leap.start, float(ends[-1]), lengths(reach)
         pull, twist = reach.copy(), cross(reach, self.shoulders)
         weighed = spaces[:, None] * self.normals
         np.add.at(pull, self.row, weighed)
@@ -330,7 +320,7 @@ class _Bounds:
         constant = float(np.vecdot(slope, place).sum() + height.sum() * limits.height_m)
         constant -= float(np.vecdot(reach, self.shoulders).sum() + sizes @ self.reach)
         constant -= float(spaces @ self.bounds + limits.tilt_rad * np.abs(twists).sum())
-        constant -= float(goal @ leap.goal.com_m + length(goal) * leap.goal_radius_m)
+        constant -= float(goal @ leap.goal.com_m + lengths(goal) * leap.goal_radius_m)
         constant += float(end @ (start.velocity_m_s + last * fall - leap.goal.velocity_m_s))
         constant -= float(rest[:, 2].sum())
         pulls = np.zeros(len(leap.robot.limbs))
@@ -350,6 +340,6 @@ class _Bounds:
         k = np.flatnonzero(self.holds[:, limb] == j)
         slope = parts.slopes[k, None] + cross(parts.levers[k, None], corners)
         normal = slope @ patch.normal
-        shear = length(slope - normal[..., None] * patch.normal)
+        shear = lengths(slope - normal[..., None] * patch.normal)
         work = self.most[k, limb] @ np.minimum(normal - friction * shear, 0.0)
         return float((corners @ parts.toes[j] + work).min())

@@ -20,13 +20,13 @@ from ..answer.plan import LEAP_BODY, LEAST_GATHER, MOST_GATHER, LeapPlan
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cross, lengths
 from ..motion.leap_motion import LeapBody, body_of, gaps
 from ..physics import GRAVITY_M_S2
 from ..robot.urdf_reader import speed_doubts
 from ..terrain.obstacles import Obstacles
 from .bodies import MovingBodyMeasurements, looked_at, nothing
-from .geometry import exact_and_linear, length, patch_distances
+from .geometry import exact_and_linear, patch_distances
 from .postures import Worst, violation
 from .trajectory_measurements import arrays_defect, as_far_as_known, worst_group
 
@@ -352,12 +352,12 @@ class _Judge:
         """
         leap, weight, k, i = self.leap, self.leap.weight_n, self.k, self.i
         when, limb = np.nonzero(self.holds < 0)
-        self.worst.note("idle_force", length(self.plan.forces_n[when, limb]), when, limb, weight)
+        self.worst.note("idle_force", lengths(self.plan.forces_n[when, limb]), when, limb, weight)
         patches = [leap.patch(j, self.plan.choice) for j in self.holds[k, i].tolist()]
         normals = np.array([patch.normal for patch in patches]).reshape(-1, 3)
         friction, forces = np.array([patch.friction for patch in patches]), self.plan.forces_n[k, i]
         press = np.vecdot(forces, normals)
-        shear = length(forces - press[:, None] * normals)
+        shear = lengths(forces - press[:, None] * normals)
         self.worst.note("friction", shear - friction * np.maximum(press, 0.0), k, i, weight)
         air = np.pad(self.holds < 0, ((1, 1), (0, 0)))
         most = weight * self.limits.most(air[k, i], air[k + 2, i])
@@ -386,7 +386,7 @@ class _Judge:
         )[i].T[..., None]
         com, speed, momentum, turn = np.moveaxis(self.paths[k], 2, 0)
         to_toe = self.toes[:, None] - com
-        away = length(to_toe - exact_and_linear(turn, shoulders)[0])
+        away = lengths(to_toe - exact_and_linear(turn, shoulders)[0])
         self.worst.note("reach", away - reach, k, i)
         arms = exact_and_linear(-turn, to_toe)[0]
         for number, limb in enumerate(limbs):
@@ -397,7 +397,7 @@ class _Judge:
         self.worst.note("height", self.limits.height_m - com[..., 2] + self.toes[:, 2:], k, i)
         arm = exact_and_linear(turn, hips)[0]
         hip = arm - to_toe
-        long, moves = length(hip), speed + cross(momentum @ self.spin.T, arm)
+        long, moves = lengths(hip), speed + cross(momentum @ self.spin.T, arm)
         self.worst.note("fold", fold - long, k, i)
         rate = np.abs(np.vecdot(hip, moves)) / np.maximum(long, 1e-9)
         power = np.abs(np.vecdot(moves, self.plan.forces_n[k, i][:, None]))
@@ -413,7 +413,7 @@ class _Judge:
         off = patch_distances([patch.vertices_m for patch in self.plan.patches], self.plan.toes_m)
         for foothold, toe, away in zip(self.leap.footholds, self.plan.toes_m, off, strict=True):
             if foothold.toe_m is not None:
-                away = length(toe - foothold.toe_m)
+                away = lengths(toe - foothold.toe_m)
             first = int(np.flatnonzero(self.phase == foothold.frame)[0])
             limb = np.array([self.leap.robot.limb_names.index(foothold.limb)])
             self.worst.note("patch", float(away), first, limb)

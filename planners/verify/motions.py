@@ -36,9 +36,12 @@ from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Ground, Obstacles
 from ..terrain.patch import Patch
 from .bodies import MovingBodyMeasurements, bodies_group, spaced
+from .geometry import patch_distances
 
 _GAP_M = 1e-3
 """A foot so near to the terrain touches it."""
+_BESIDE_M = 1e-12
+"""A point that is no farther from a polygon than from its plane, up to this, is over it [m]."""
 _STILL_M_S = 0.02
 """A foot that stands moves no faster to or from the terrain."""
 _SLIDES_M_S = 0.15
@@ -106,6 +109,7 @@ _WITHOUT = {
     "contact": "no contacts in the file: they are derived from the distance",
     "forces_n": "no forces in the file",
 }
+_ON_SOLES = "where on its soles a foot presses is not known"
 _OF_THREE = ("balance", "forces", "rates", "com_velocity", "turning", "effort")
 """Groups that need three rows, too."""
 _OF_GROUND = (
@@ -193,7 +197,8 @@ def check_motion(
     places = [array for name, array in table.arrays().items() if name in _PLACES]
     coarsest = max((grain(array) for array in places if np.ptp(array, axis=0).any()), default=0.0)
     rounded = f"the file's numbers are rounded to {coarsest:g}" if coarsest > _COARSEST else ""
-    groups, unsure = [], getattr(terrain, "doubt", "")
+    unsure = getattr(terrain, "doubt", "") or (_ON_SOLES if kinematics.soles else "")
+    groups = []
     for name, unit in _UNITS.items():
         if COLUMNS.get(name, "time_s") not in measured.known:
             continue
@@ -314,6 +319,8 @@ class _Measured:
         for name, columns in needs.items():
             if lacks := [_WITHOUT[column] for column in columns if column not in self.known]:
                 self.missing[name] = lacks[0]
+        if kinematics.soles:
+            self.missing |= dict.fromkeys(("balance", "forces", "effort"), _ON_SOLES)
         if len(self.times_s) < 3:
             self.missing |= dict.fromkeys(_OF_THREE, "fewer than three rows")
         if "quaternion" in self.known:
@@ -727,17 +734,10 @@ def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:
     """Distance of points from a patch, and their height above it, 0 or more beside it, shape (K,)
     each.
     """
-    corners = patch.vertices_m
-    edges = np.roll(corners, -1, axis=0) - corners
-    turn = np.sign(np.cross(edges[0], edges[1]) @ patch.normal) or 1.0
-    height = (points - corners[0]) @ patch.normal
-    outward = turn * np.cross(edges, patch.normal)
-    beyond = np.einsum("kui,ui->ku", points[:, None] - corners, outward)
-    inside = (beyond <= 0.0).all(axis=1)
-    along = np.einsum("kui,ui->ku", points[:, None] - corners, edges) / np.sum(edges**2, axis=1)
-    on = corners + np.clip(along, 0.0, 1.0)[..., None] * edges
-    border = np.linalg.norm(points[:, None] - on, axis=-1).min(axis=1)
-    return np.where(inside, np.abs(height), border), np.where(inside, height, np.abs(height))
+    height = (points - patch.vertices_m[0]) @ patch.normal
+    distance = patch_distances([patch.vertices_m] * len(points), points)
+    inside = distance <= np.abs(height) + _BESIDE_M
+    return distance, np.where(inside, height, np.abs(height))
 
 
 def _cones(normals: Array, friction: Array) -> Array:

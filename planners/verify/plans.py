@@ -27,7 +27,7 @@ import numpy as np
 
 from ..answer.plan import WHOLE_BODY, Plan
 from ..answer.report import PLAN_GROUPS, Group, Report
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cross, lengths
 from ..motion.path import touch_downs_m
 from ..problem.contact import LINEAR
 from ..terrain.patch import Certainty, Patch
@@ -40,7 +40,6 @@ from .geometry import (
     contact_frames,
     counts_of,
     exact_and_linear,
-    length,
     off_sole,
     off_terrain,
     patch_distances,
@@ -203,6 +202,7 @@ class _Sweep:
         self._off_patch = patch_distances([region.vertices_m for region in regions], plan.toes_m)
         self._points = counts_of(plan.problem.robot.limbs)
         self._forces, self._offsets = plan.forces_n[:, :, None], np.zeros((len(plan.toes_m), 1, 3))
+        self._touches = plan.toes_m[:, None]
         if self._points:
             self._on_soles(regions)
         length_m = min(plan.problem.unit_m, LARGEST_UNIT_M)
@@ -219,6 +219,7 @@ class _Sweep:
         assert plan.points_m is not None
         assert plan.point_forces_n is not None
         self._forces, self._offsets = plan.point_forces_n, np.zeros_like(plan.points_m)
+        self._touches = np.concatenate([self._touches, plan.points_m], axis=1)
         for p, (foothold, patch) in enumerate(
             zip(self._course.footholds, self._patches, strict=True)
         ):
@@ -241,8 +242,10 @@ class _Sweep:
         self._bowed(ways)
         self._idle()
         self._steps()
-        off = off_terrain(self._course.terrain, self._patches, self._plan.toes_m)
-        self._worst.note("terrain", off, self._frame, self._limb)
+        each = np.repeat(np.arange(len(self._patches)), self._touches.shape[1])
+        touched = [self._patches[p] for p in each]
+        off = off_terrain(self._course.terrain, touched, self._touches.reshape(-1, 3))
+        self._worst.note("terrain", off, self._frame[each], self._limb[each])
         bent, exact_m = self._linearisation()
         ground = ground_group(self._plan)
         return Report(
@@ -259,7 +262,7 @@ class _Sweep:
                 "between": between if shares else math.nan,
                 "linearisation_m": bent,
                 "exact_reach_m": exact_m,
-                "goal_m": float(length(self._plan.com_m[-1] - self._course.goal_m)),
+                "goal_m": float(lengths(self._plan.com_m[-1] - self._course.goal_m)),
                 "proved": len(ways),
             },
         )
@@ -424,13 +427,13 @@ class _Sweep:
         ]
         if stood:
             of = np.array([p for p, _ in stood])
-            off = length(plan.toes_m[of] - np.array([toe for _, toe in stood]))
+            off = lengths(plan.toes_m[of] - np.array([toe for _, toe in stood]))
             self._worst.note("start", off, self._frame[of], self._limb[of])
         bears = np.zeros(plan.forces_n.shape[:2], dtype=bool)
         bears[who.stance, who.limb] = True
         row, limb = np.nonzero(~bears)
         self._worst.note(
-            "idle_force", length(self._forces[row, limb]).max(axis=-1), who.frame[row], limb
+            "idle_force", lengths(self._forces[row, limb]).max(axis=-1), who.frame[row], limb
         )
         carries = np.zeros(who.holds.shape, dtype=bool)
         np.logical_or.at(carries, who.frame, bears)
@@ -439,7 +442,7 @@ class _Sweep:
         to_toe = toes - plan.com_m[frame] - v - cross(plan.rotation_rad[frame], v)
         self._worst.note("patch", self._off_patch[who.holds[frame, limb]], frame, limb)
         out = beyond(
-            length(to_toe) - self._reach[limb],
+            lengths(to_toe) - self._reach[limb],
             plan.rotation_rad[frame],
             toes - plan.com_m[frame],
             self._rows_of(limb),
@@ -452,9 +455,9 @@ class _Sweep:
         step, limits, later = np.diff(plan.com_m, axis=0), course.steps, np.arange(1, course.frames)
         if not len(later):
             return
-        self._worst.note("com_step", length(step) - limits.com_m, later)
+        self._worst.note("com_step", lengths(step) - limits.com_m, later)
         turn = np.diff(plan.rotation_rad, axis=0)
-        self._worst.note("rotation_step", length(turn) - limits.rotation_rad, later)
+        self._worst.note("rotation_step", lengths(turn) - limits.rotation_rad, later)
         for field, limit in limits.linear.items():
             name, unit, slopes = LINEAR[field]
             along = np.concatenate([step, turn], axis=1) @ np.array(slopes).T
@@ -465,10 +468,10 @@ class _Sweep:
         self._worst.note("relative_reach", apart, self._frame[feet[:, 0]], self._limb[feet[:, 0]])
         moved = plan.toes_m[holds[1:]] - plan.toes_m[holds[:-1]]
         row, limb = np.indices(holds[1:].shape).reshape(2, -1)
-        self._worst.note("toe_step", length(moved).ravel() - limits.toe_m, later[row], limb)
+        self._worst.note("toe_step", lengths(moved).ravel() - limits.toe_m, later[row], limb)
         self._least_steps(moved, turn, later)
         ahead = np.diff(course.com_nominal_m, axis=0)
-        far = length(ahead)
+        far = lengths(ahead)
         moving = far > 1e-9
         made = (step * ahead).sum(axis=1)[moving] / far[moving]
         self._worst.note("progress", limits.progress_m - made, later[moving])
@@ -503,7 +506,7 @@ class _Sweep:
             sides: (n, b), shape (K, 4).
         """
         if self._course.sides is None:
-            return np.asarray(least - length(steps))
+            return np.asarray(least - lengths(steps))
         return np.asarray(sides[:, 3] - np.vecdot(sides[:, :3], steps))
 
     def _linearisation(self) -> tuple[float, float]:
@@ -512,5 +515,5 @@ class _Sweep:
         """
         exact, linear = exact_and_linear(self._plan.rotation_rad[:, None], self._shoulders)
         to_toe = self._plan.toes_m[self._who.holds] - self._plan.com_m[:, None] - exact
-        beyond = float((length(to_toe) - self._reach).max())
-        return float(length(exact - linear).max()), max(0.0, beyond)
+        beyond = float((lengths(to_toe) - self._reach).max())
+        return float(lengths(exact - linear).max()), max(0.0, beyond)

@@ -26,12 +26,12 @@ from ..answer.report import (
     Report,
 )
 from ..errors import InvalidInput, TimeEnded
-from ..files.arrays import LARGEST, Array
+from ..files.arrays import LARGEST, Array, lengths
 from ..problem import Problem
 from ..problem.problem import NOBODY_CARRIES
 from ..robot.robot_file import Servo
 from .bodies import check_bodies
-from .geometry import counts_of, exact_and_linear, forces_defect, length, row_counts
+from .geometry import counts_of, exact_and_linear, forces_defect, row_counts
 from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
 from .trajectory_measurements import arrays_defect
 
@@ -345,10 +345,10 @@ def posture_report(posture: Plan, tolerance: float) -> Report[Plan]:
     if not all(math.isfinite(group.value) for group in groups.values()):
         return refused(posture, tolerance, "the numbers overflow")
     exact, linear = exact_and_linear(at.rotation_rad[at.owner], at.shoulders_m)
-    out = length(at.toes_m - at.com_m[at.owner] - exact) - at.reach_m
+    out = lengths(at.toes_m - at.com_m[at.owner] - exact) - at.reach_m
     figures = {
         "residual_nm": groups["moment_balance"].value,
-        "linearisation_m": float(length(exact - linear).max()),
+        "linearisation_m": float(lengths(exact - linear).max()),
         "exact_reach_m": max(0.0, float(out.max())),
     }
     return Report(
@@ -402,7 +402,7 @@ def worst_groups(
     for group, unit in GROUPS.items():
         values = found[group]
         if group in BALANCES:
-            sizes = length(values)
+            sizes = lengths(values)
             row = int(sizes.argmax())
             value, column = float(sizes[row]), int(np.abs(values[row]).argmax())
         else:

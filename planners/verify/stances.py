@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..answer.report import GROUPS
-from ..files.arrays import Array, cached_arrays, cross, locked
+from ..files.arrays import Array, cached_arrays, cross, lengths, locked
 from ..problem import Contact, Problem
 from .geometry import (
     beyond,
     contact_frames,
     counts_of,
-    length,
     off_sole,
     patch_distances,
     reach_rows,
@@ -342,13 +341,13 @@ def violations(at: Stances) -> dict[str, Array]:
         "patch": at.off_patch_m,  # p_w = Σ λ v              (1)
         "force_balance": net,  # Σ f + m g + F = 0        (5)
         "moment_balance": turn,  # Σ (p_w − c) × f + M = 0  (6)
-        "friction": length(f[:, 1:]) - at.friction * f[:, 0],  # ‖f_t‖ ≤ μ f_n           (10)
+        "friction": lengths(f[:, 1:]) - at.friction * f[:, 0],  # ‖f_t‖ ≤ μ f_n           (10)
         "force_bounds": np.maximum(at.force_min_n - f, f - at.force_max_n),  # f_min ≤ f ≤ f_max
         "reach": beyond(
-            length(to_toe) - at.reach_m, at.rotation_rad[owner], arms, at.rows
+            lengths(to_toe) - at.reach_m, at.rotation_rad[owner], arms, at.rows
         ),  # ‖·‖ ≤ reach     (11)
         "tilt": np.abs(at.rotation_rad) - at.tilt_limit_rad[:, None],  # |Θ_i| ≤ tilt limit
-        "com": length(at.com_m - at.com_nominal_m) - at.com_radius_m,  # ‖c − c_nominal‖ ≤ radius
+        "com": lengths(at.com_m - at.com_nominal_m) - at.com_radius_m,  # ‖c − c_nominal‖ ≤ radius
     }
 
 
@@ -365,7 +364,7 @@ def worst_of(at: Stances, found: dict[str, Array] | None = None) -> Array:
         units = units_of(at)
         for group, values in (found or violations(at)).items():
             if group in BALANCES:
-                values = length(values)
+                values = lengths(values)
             values = values if values.ndim == 1 else values.max(axis=1)
             if group in OF_CONTACTS:
                 values = np.maximum.reduceat(values, starts)

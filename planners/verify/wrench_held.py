@@ -24,10 +24,9 @@ from typing import Any
 import clarabel
 import numpy as np
 
-from ..files.arrays import Array, cross
+from ..files.arrays import Array, cross, lengths
 from ..files.codec import Columns
 from .explain import halved
-from .geometry import length
 from .lagrangian import Numbers
 from .stances import Index
 
@@ -52,7 +51,7 @@ def least_held(numbers: Numbers, patches: Sequence[Array]) -> tuple[int, float] 
     if numbers.wrench is None:
         return None
     result: tuple[int, float] | None = None
-    for stance in np.flatnonzero(length(numbers.wrench[0]) > 0.0).tolist():
+    for stance in np.flatnonzero(lengths(numbers.wrench[0]) > 0.0).tolist():
         lift = _Lift(numbers, patches, stance)
         most = 1.0 if result is None else _LESS * result[1]
         if not lift.might_hold(most) and lift.might_hold(0.0):

@@ -211,8 +211,7 @@ def test_the_annotations_of_every_verb_can_be_looked_up():
 
 def test_one_posture_problem_is_a_course_of_one_frame():
     problem = stancekit.sample("ground-3", rng=3)[0]
-    planned = stancekit.plan(problem).solution
-    assert planned.com_m.shape == (1, 3)
+    assert stancekit.plan(problem).solution.com_m.shape == (1, 3)
     with refuses("frames"):
         stancekit.plan(problem, frames=2)
 

@@ -132,8 +132,7 @@ def test_another_kind_than_was_asked_for_is_refused(plan, tmp_path):
 def test_an_answer_is_written_with_its_own_report_or_its_certificate(problems, tmp_path):
     answer = stancekit.plan("stairs", frames=2)
     stancekit.save(answer, tmp_path / "plan.json")
-    content = json.loads((tmp_path / "plan.json").read_text())
-    assert content["verdict"] == answer.report.to_json()
+    assert json.loads((tmp_path / "plan.json").read_text())["verdict"] == answer.report.to_json()
     assert stancekit.verify(tmp_path / "plan.json").accepted
     refuted = next(each for each in map(stancekit.solve, problems) if each.certificate is not None)
     stancekit.save(refuted, tmp_path / "proof.json")
@@ -153,8 +152,7 @@ def test_what_is_no_answer_and_answers_of_another_question_are_refused(problems,
 def test_a_posture_has_a_file_and_is_not_run(tmp_path):
     posture = stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).solution
     stancekit.save(posture, tmp_path / "a.json")
-    again = stancekit.load(tmp_path / "a.json", stancekit.Motion)
-    assert again.digest == posture.digest
+    assert stancekit.load(tmp_path / "a.json", stancekit.Motion).digest == posture.digest
     assert stancekit.verify(tmp_path / "a.json").accepted
     for name, call in (
         (
@@ -184,8 +182,7 @@ def test_a_certificate_knows_what_it_is_a_proof_of(problems):
     with refuses("certificate"):
         stancekit.verify(read)
     assert stancekit.verify(read.of(problems[0])).accepted
-    other = stancekit.sample("ground-3", rng=3)[0]
-    assert not stancekit.verify(certificate.of(other)).accepted
+    assert not stancekit.verify(certificate.of(stancekit.sample("ground-3", rng=3)[0])).accepted
 
 
 LARGE = ("casadi", "pyarrow", "cvxpy", "matplotlib", "torch")

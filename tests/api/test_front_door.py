@@ -17,6 +17,7 @@ import pytest
 
 import stancekit
 from stancekit import Answer, Motion, Status
+from stancekit.planners.problem.standing_map import StandingMap
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import make_planner
 from stancekit.planners.terrain.patch import Frame
@@ -50,8 +51,7 @@ def test_integers_of_numpy_are_integers(tmp_path):
         is stancekit.Status.FEASIBLE
     )
     assert stancekit.plan("stairs", frames=two).solution.com_m.shape == (2, 3)
-    rows = stancekit.label("wall-3", tmp_path / "rows", rows=(two, two), seed=two)
-    assert len(rows) == 4
+    assert len(stancekit.label("wall-3", tmp_path / "rows", rows=(two, two), seed=two)) == 4
     assert len(stancekit.label("wall-3", tmp_path / "natural", rows=two)) == 2
 
 
@@ -176,9 +176,20 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
     answer = stancekit.plan(steep, **ends)  # undecided, or explain asked for a proof
     assert_names(stancekit.explain(answer).message, "steep.obj", "steep")
     with pytest.warns(UserWarning, match="inside out"):
-        (doubt,), heights = stancekit.plan(mended, **ends).doubts, stancekit.heights(mended)
+        answer, heights, mapped = (
+            stancekit.plan(mended, **ends),
+            stancekit.heights(mended),
+            stancekit.map(mended, spacing_m=2.0, headings=1),
+        )
+    (doubt,) = answer.doubts
     assert_names(doubt, "mended.obj", "1 closed parts")
-    assert stancekit.walk(heights, (0.2, 0.0), duration_s=2.0, time_limit_s=1.0).doubts == (doubt,)
+    mapped.save(tmp_path / "map.npz")
+    assert StandingMap.read(tmp_path / "map.npz").doubts == (doubt,)
+    walked = stancekit.walk(heights, (0.2, 0.0), duration_s=2.0, chart="decoupled")
+    for found in (answer, walked):
+        stancekit.save(found, tmp_path / "kept.json")
+        assert stancekit.load(tmp_path / "kept.json").doubts == found.doubts == (doubt,)
+        assert stancekit.verify(tmp_path / "kept.json").report.doubts == (doubt,)
     pillar = np.pad(np.full((5, 5), 1.5), ((48, 28), (38, 38)))
     ground = stancekit.HeightField.from_array(pillar, spacing_m=0.05)
     assert_names(stancekit.walk(ground, (0.5, 0.0)).message, "goal", "1.5 m high")

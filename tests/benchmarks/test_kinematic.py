@@ -250,8 +250,7 @@ def test_two_soles_have_no_room_on_the_bridge_of_the_ramp(tmp_path, programs):
         phases=phases,
         ours={"start": "free", "sole_m": narrow},
     )
-    found = KinematicPlanner("mip").place(read_scene(path), Clock.start())[0]
-    assert found is not None
+    assert KinematicPlanner("mip").place(read_scene(path), Clock.start())[0] is not None
 
 
 def written(tmp_path: Path, name: str, **changed: object) -> Path:

@@ -280,8 +280,7 @@ def test_a_mesh_that_is_cut_off_is_no_mesh_and_no_end_of_the_process(
 
 
 def _base() -> str:
-    found = re.search(r'<link name="([^"]+)"', drawn_urdf(hexapod()))
-    return found[1]
+    return re.search(r'<link name="([^"]+)"', drawn_urdf(hexapod()))[1]
 
 
 @pytest.mark.parametrize("value", ["0,5", "", "inf", "1e400", "nan", "1e300"])

@@ -226,8 +226,7 @@ def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(
     policy = policy_of(str(path), COURSE)
     assert policy.learned.legs == EXPERT.legs
     seen = Observation(window=COURSE, standing=None, state=None, friction_share=1.0, frame=0)
-    outcome = policy(seen).solve(COURSE)
-    assert outcome.solution is not None
+    assert policy(seen).solve(COURSE).solution is not None
     assert sum(policy.answers) == 1
     if kind == "envelope":
         assert policy.answers == (1, 0)
@@ -283,7 +282,6 @@ def test_a_run_to_which_the_policy_gave_no_plan_is_a_warning(
         plan_s=0.1,
         wall_s=1.0,
     )
-    column = list(loop_table(report, answers).columns[0].cells)
-    assert ("warning" in column) == said
+    assert ("warning" in list(loop_table(report, answers).columns[0].cells)) == said
     warned = f"the policy made none of the {answers[1]} plans that were made"
     assert unused(answers).startswith(warned)

@@ -146,8 +146,7 @@ def test_a_point_is_p_and_f_of_its_witness(data: Dataset) -> None:
 
 
 def test_only_a_few_shards_are_in_memory_at_a_time(data: Dataset) -> None:
-    most = max(len(data._open) for _ in data.rows())
-    assert most == dataset.OPEN_SHARDS < PLAN.shards
+    assert max(len(data._open) for _ in data.rows()) == dataset.OPEN_SHARDS < PLAN.shards
 
 
 def test_a_split_is_exact_disjoint_and_always_the_same(folder: Path, data: Dataset) -> None:
@@ -454,8 +453,7 @@ def test_a_folder_gives_the_scenes_of_its_part_train_or_of_the_part_it_names(bal
         observation, _ = env.reset(seed=k if k == 0 else None)
         seen[observation["vertices"].tobytes()] += 1
     assert set(seen) == set(expected)  # 400 draws of some 30 rows
-    labels = Counter(expected[name] for name in seen.elements())
-    assert 140 < labels[True] < 260
+    assert 140 < Counter(expected[name] for name in seen.elements())[True] < 260
 
 
 def test_rewards_and_info_are_those_of_the_same_scenes_listed(balanced):

@@ -455,8 +455,7 @@ def spinning(walk: Motion, size: float, rng: np.random.Generator) -> Motion:
     at, lasts = a_moment(walk, rng, 100), 30
     share = np.clip((np.arange(walk.samples) - at) / lasts, 0.0, 1.0)
     turn = 0.1 * size * 64.0 * (share * (1.0 - share)) ** 3
-    rotation = Rotation.from_rotvec(turn[:, None] * [0.0, 0.0, 1.0]).as_matrix()
-    return changed(walk, rotation=rotation)
+    return changed(walk, rotation=Rotation.from_rotvec(turn[:, None] * [0.0, 0.0, 1.0]).as_matrix())
 
 
 @kind

@@ -15,6 +15,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
+from stancekit import Problem
 from stancekit.planners.equilibrium.programs import ConicSolution, ConicStatus, Programs
 from stancekit.planners.equilibrium.rows import EXACT, STATUS
 from stancekit.planners.equilibrium.scaled import Point, Scaled
@@ -240,3 +241,18 @@ def _packed(named: Iterable[tuple[str, np.ndarray]]) -> tuple[np.ndarray, dict[s
         parts.append(np.ravel(value))
         size += value.size
     return np.concatenate(parts), where
+
+
+def with_choice(course: Problem, choice: Iterable[int]) -> Problem:
+    """The course with one candidate a foothold."""
+    return replace(
+        course,
+        footholds=tuple(
+            replace(
+                foothold,
+                candidates=(foothold.candidates[int(chosen)],),
+                yaws_rad=foothold.yaws_rad[int(chosen) : int(chosen) + 1],
+            )
+            for foothold, chosen in zip(course.footholds, choice, strict=True)
+        ),
+    )

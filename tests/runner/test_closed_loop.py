@@ -301,8 +301,7 @@ def test_planes_are_moved_to_where_feet_that_bear_find_them() -> None:
 def test_a_pause_is_a_key_frame_in_which_the_body_alone_moves() -> None:
     paused = with_pause(COURSE, 1)
     assert (paused.frames, paused.lifts) == (4, (*COURSE.lifts[:2], (), COURSE.lifts[2]))
-    outcome = TwoStage().solve(paused)
-    assert outcome.solution is not None
+    assert TwoStage().solve(paused).solution is not None
     np.testing.assert_array_equal(paused.holds[1], paused.holds[2])
 
 
@@ -408,8 +407,7 @@ def test_where_three_feet_together_cannot_be_lifted_one_after_the_other_is(
 def test_and_all_that_come_where_that_is_not_enough(standing: Standing) -> None:
     planner = Unless(lambda course: max(map(len, course.lifts)) > 1)
     planning, _ = replanner(planner)
-    plan = planning.plan(0, standing).plan
-    assert lifted(plan) == [0, 1, 1, 1, 1, 1, 1]
+    assert lifted(planning.plan(0, standing).plan) == [0, 1, 1, 1, 1, 1, 1]
     assert [max(map(len, lifts)) for lifts in planner.seen] == [3, 3, 1]
 
 

@@ -179,8 +179,7 @@ def test_a_foot_that_was_just_put_down_may_still_find_its_place() -> None:
         felt(np.zeros((10, 2)), (0.0, 0.0), foothold=(-1, 1)),
         felt(np.full((18, 2), 0.5), (0.05, 0.0)),
     )
-    record = Record(pairs=[*air.pairs, *down.pairs], began_s=[0.0] * 28)
-    assert interval(record).slides == 0
+    assert interval(Record(pairs=[*air.pairs, *down.pairs], began_s=[0.0] * 28)).slides == 0
     assert all(a.time_s <= b.time_s for (_, a), (_, b) in pairwise(down.pairs))
 
 
@@ -330,8 +329,7 @@ def test_a_foot_that_was_just_put_down_may_find_its_place() -> None:
         moved[1, 0] = 0.06e-3 * k
         foothold = (0, -1 if k < 5 else 1, 2, 3, 4, 5)
         slid.append(bool(watch.slipping(target(sample(foothold)), state(FEET + 5.0 * moved)).any()))
-    first = slid.index(True)
-    assert 5 + 0.1 * RATE_HZ <= first <= 5 + 0.1 * RATE_HZ + 1
+    assert 5 + 0.1 * RATE_HZ <= slid.index(True) <= 5 + 0.1 * RATE_HZ + 1
 
 
 def test_feet_in_the_air_come_down_and_the_others_and_the_body_stay() -> None:

@@ -77,8 +77,7 @@ def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(
     assert report.succeeded, report.message
     assert report.execution is None
     sent = np.array([targets for _, targets in world.commands])
-    motion = gait_motion(accepted.plan)
-    assert len(sent) == pytest.approx(motion.duration_s * world.rate_hz, abs=2)
+    assert len(sent) == pytest.approx(gait_motion(accepted.plan).duration_s * world.rate_hz, abs=2)
     assert report.joint_worst_rad < 0.1
 
 

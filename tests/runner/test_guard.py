@@ -285,8 +285,7 @@ def test_a_robot_is_left_as_was_asked_for(
 
 def test_home_is_gone_to_slowly_but_never_after_a_stop(world: MemoryWorld, safe: SafeWorld) -> None:
     home = START - 0.2
-    ended = end(safe, "home", [home], 0.5)
-    assert ended.left == "home"
+    assert end(safe, "home", [home], 0.5).left == "home"
     np.testing.assert_allclose(world.commands[-1][1], home)
     speeds = 100.0 * np.abs(np.diff([targets for _, targets in world.commands], axis=0)).max()
     assert speeds <= 0.5 + 1e-9

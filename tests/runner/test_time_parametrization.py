@@ -264,8 +264,7 @@ def test_the_soft_start_goes_round_a_surface_and_gives_up_before_it_goes_through
     sample = motion.at(0.0)
     rotation = rotation_of(sample.rotation_rad)
     pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
-    direct = soft_start(kinematics, motion.solids, pose, first, first, sample.normals, 0.05)
-    assert len(direct) == 1
+    assert len(soft_start(kinematics, motion.solids, pose, first, first, sample.normals, 0.05)) == 1
     pressed, _ = kinematics.reach(
         kinematics.feet(first) - 0.03 * sample.normals @ rotation, first, first
     )

@@ -61,8 +61,7 @@ def test_answers_come_as_they_are_ready_not_all_at_the_end() -> None:
         began.append(x)
         return x
 
-    answers = processes(1)([partial(task, x) for x in range(3)])
-    assert (next(answers), began) == (0, [0])
+    assert (next(processes(1)([partial(task, x) for x in range(3)])), began) == (0, [0])
 
 
 @pytest.mark.parametrize("workers", [1, 2])

@@ -133,7 +133,6 @@ def test_a_walk_is_played_by_every_chart_and_by_chance(tmp_path, monkeypatch):
     plays = replace(plays, players=lambda: few)  # each takes a second of the processor
     monkeypatch.setattr(made, "ENVIRONMENTS", {"WarpedGait-v0": plays})
     room = environment_room("WarpedGait-v0", tmp_path, scenes=1, seed=3)
-    rows = played(tmp_path, "WarpedGait-v0")
-    assert {method for _, method in rows} == set(few)
+    assert {method for _, method in played(tmp_path, "WarpedGait-v0")} == set(few)
     assert room.controlled_by.startswith("always ")
     assert (room.budget, room.learned) == ("one attempt", None)

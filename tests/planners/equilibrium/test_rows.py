@@ -19,7 +19,7 @@ from stancekit.planners.equilibrium.rows import Rows, solver_settings
 from stancekit.planners.equilibrium.scaled import Point, Scaled, skew
 from stancekit.planners.relaxation.papers import Model
 from stancekit.planners.search.answer import plan_of
-from tests.planners.oracle import solve, solve_as
+from tests.planners.oracle import solve, solve_as, with_choice
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROWS, COLUMNS = 7, 3
@@ -344,7 +344,7 @@ def test_a_part_of_the_candidates_is_the_problem_made_without_the_others(rough, 
     fewer = opened * np.eye(scaled.options)[opened.argmax(axis=1)]
     same(part.only(fewer), scaled.only(fewer))  # parts of parts
     same(scaled.chosen(opened.argmax(axis=1)), scaled.only(fewer))
-    same(part.chosen(opened.argmax(axis=1)), Scaled.of(course.with_choice(opened.argmax(axis=1))))
+    same(part.chosen(opened.argmax(axis=1)), Scaled.of(with_choice(course, opened.argmax(axis=1))))
 
 
 def test_all_of_them_are_the_problem_itself(rough):

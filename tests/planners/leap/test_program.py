@@ -308,8 +308,7 @@ def test_a_leap_whose_flight_is_short_or_that_has_none_stays_as_it_is(plan: Moti
         leap, phases=leap.phases[:1], timings_s=((0.6,),), footholds=leap.footholds[:4]
     )
     assert unloaded(stands, 0) is None
-    said = replace(leap, limits=replace(leap.limits, lift=0.004))
-    assert unloaded(said, plan.timing) is None
+    assert unloaded(replace(leap, limits=replace(leap.limits, lift=0.004)), plan.timing) is None
     hind = replace(leap.phases[0], limbs=leap.phases[0].limbs[2:])
     parted = replace(
         leap,

@@ -230,6 +230,5 @@ def test_a_push_is_borne_or_the_posture_is_refused() -> None:
     for share in (0.9, 1.1):
         pushed = replace(problem, push_n=share * least_n)
         assert stancekit.verify(replace(posture, problem=pushed)).accepted == (share < 1.0)
-    borne = stancekit.solve(replace(problem, push_n=0.9 * least_n))
-    assert borne.solution is not None
+    assert stancekit.solve(replace(problem, push_n=0.9 * least_n)).solution is not None
     assert stancekit.solve(replace(asked("proof")[0], push_n=5.0)).status is Status.INFEASIBLE

@@ -286,8 +286,7 @@ def test_a_trench_that_toes_step_over_is_no_step_down_whether_it_has_a_bottom_or
 def test_risers_that_the_legs_can_step_are_steps():
     levels = [(0.3 * k, 0.1 * k) for k in range(-4, 12)]
     stairs = [point for x, z in levels for point in ((x, z), (x + 0.3, z))]
-    found = path(profile(*stairs), (0, 0), (2, 0))
-    assert found.length_m < 1.3 * math.hypot(2.0, 0.66)
+    assert path(profile(*stairs), (0, 0), (2, 0)).length_m < 1.3 * math.hypot(2.0, 0.66)
 
 
 @pytest.mark.parametrize("degrees", [0, 20, 30])

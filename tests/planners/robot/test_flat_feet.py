@@ -8,14 +8,17 @@ import pytest
 
 import stancekit
 from stancekit import Motion
+from stancekit.planners.formats.table_file import read_table
 from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import FootContact
+from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.reach_sets import limbs_over
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot
 from stancekit.planners.search.friction_margin import narrowed
 from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.motions import check_motion
 from tests.planners.robot.small_urdfs import biped
 from tests.refusals import refuses
 
@@ -69,6 +72,32 @@ def test_plans_stand_on_whole_soles_that_are_apart_and_level(walked: Motion) -> 
     assert report.group("joints").verdict == "violated"
 
 
+def test_no_corner_of_a_sole_is_beyond_the_terrain_whatever_its_footholds_say(
+    walked: Motion,
+) -> None:
+    ground, sides = walked.problem.terrain[0], walked.toes_m[:, 1]
+    for more_m, held in ((0.07, True), (0.005, False)):
+        beams = []
+        for y in (sides[sides > 0.0], sides[sides < 0.0]):
+            low, high = y.min() - more_m, y.max() + more_m
+            corners = np.array([[-1, low, 0], [1, low, 0], [1, high, 0], [-1, high, 0]])
+            beams.append(replace(ground, vertices_m=corners))
+        report = check_plan(replace(walked, problem=replace(walked.problem, terrain=tuple(beams))))
+        assert (report.accepted, report.group("terrain").verdict == "holds") == (held, held)
+
+
+def test_motions_on_soles_are_judged_as_far_as_it_is_known_where_they_press(
+    walked: Motion, tmp_path: Path
+) -> None:
+    done = stancekit.export(walked, tmp_path / "walk.csv", rate_hz=50.0)
+    table, robot = read_table(done.paths[0]), robot_of(model_of(biped()))
+    report = check_motion(table, robot, walked.problem.terrain)
+    assert report.accepted
+    assert {"contact_gap", "balance", "effort"} <= {
+        group.name for group in report.groups if group.verdict == "not checked"
+    }
+
+
 def test_ankles_bear_the_moments_of_forces_at_the_corners_of_soles(walked: Motion) -> None:
     solver, course = Kinematics(walked.problem.robot), walked.problem
     stance = next(i for i, of in enumerate(course.stances) if len(of.limbs) == 1)
@@ -115,8 +144,7 @@ def test_toes_hang_down_in_the_air_where_ankles_have_no_room_and_stay_off_the_st
     ups = moments.ups[air] / np.linalg.norm(moments.ups[air], axis=1)[:, None]
     ahead = np.cross([0.0, 1.0, 0.0], ups)
     corners = moments.feet_m[air][:, None] + np.einsum("k,ti->tki", sole.points_m[:, 0], ahead)
-    ground = np.where(corners[..., 0] > 0.2, 0.08, 0.0)
-    assert (corners[..., 2] - ground).min() > -1e-6
+    assert (corners[..., 2] - np.where(corners[..., 0] > 0.2, 0.08, 0.0)).min() > -1e-6
 
 
 def test_soles_are_narrowed_to_where_ankles_hold_the_weight(walked: Motion) -> None:

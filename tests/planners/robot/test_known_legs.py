@@ -99,8 +99,7 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
     kinematics = Kinematics(course.robot)
     assert set(kinematics.torque_nm) == {12.0}
     assert set(kinematics.velocity_rad_s) == {3.0}
-    again = Problem.from_json(json.loads(json.dumps(course.to_json())))
-    assert again.robot.drawn == servo
+    assert Problem.from_json(json.loads(json.dumps(course.to_json()))).robot.drawn == servo
     found = plan_course(course, TwoStage()).solution
     assert found is not None
     report = check_plan(found, joints=True)
@@ -144,8 +143,7 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
     assert Problem.from_json(course.to_json()).robot.drawn == Servo()
     heavy = replace(hexapod(), mass_kg=14.0)
     assert Problem.from_json(replace(course, robot=heavy).to_json()).robot.drawn == Servo()
-    other = Robot(name="hexapod", mass_kg=10.0, limbs=hexapod().limbs[:4])
-    assert other.drawn is None
+    assert Robot(name="hexapod", mass_kg=10.0, limbs=hexapod().limbs[:4]).drawn is None
     from stancekit.configs import config_path
 
     assert config_path("robots/hexapod.urdf").read_text(encoding="utf-8") == drawn_urdf(hexapod())

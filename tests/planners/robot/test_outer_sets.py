@@ -73,14 +73,12 @@ def test_every_posture_of_the_whole_robot_is_within_its_outer_sets(robot: RobotM
     assert np.all(np.einsum("kni,di->knd", away, sets.normals) <= sets.feet_m)
     assert np.all(np.linalg.norm(away - sets.balls_m[:, :3], axis=2) <= sets.balls_m[:, 3])
     assert np.all(np.linalg.norm(away, axis=2) <= sets.reach_m)
-    between = np.linalg.norm(feet[:, :, None] - feet[:, None], axis=3)
-    assert np.all(between <= sets.apart_m + 1e-12)
+    assert np.all(np.linalg.norm(feet[:, :, None] - feet[:, None], axis=3) <= sets.apart_m + 1e-12)
     assert np.all(centres @ sets.normals.T <= sets.com_m)
     box = np.array([[-0.2, -0.1, -0.05], [0.2, 0.1, 0.05]])
     beyond = np.maximum(centres - box[1], box[0] - centres)
     outside = np.linalg.norm(np.maximum(beyond, 0.0), axis=1)
-    out = np.where(outside > 0.0, outside, beyond.max(axis=1))
-    assert out.max() <= outward_m(robot) + 1e-9
+    assert np.where(outside > 0.0, outside, beyond.max(axis=1)).max() <= outward_m(robot) + 1e-9
 
 
 @pytest.mark.parametrize("tilt_rad", [0.02, 0.2618, 0.5])

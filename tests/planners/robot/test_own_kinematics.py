@@ -203,8 +203,7 @@ def test_a_joint_beyond_its_limits_is_told_and_one_that_turns_freely_is_not() ->
 
 
 def test_limits_of_torque_are_the_files_and_none_where_it_has_none() -> None:
-    model = model_of(quadruped(effort=0.0))
-    assert np.all(np.isinf(Kinematics(known(model)).torque_nm))
+    assert np.all(np.isinf(Kinematics(known(model_of(quadruped(effort=0.0)))).torque_nm))
     np.testing.assert_array_equal(
         Kinematics(known(model_of(quadruped(effort=33.0)))).torque_nm, 33.0
     )

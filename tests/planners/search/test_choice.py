@@ -13,6 +13,7 @@ from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.choice import ChoiceSearch, _preference, nearest
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate
+from tests.planners.oracle import with_choice
 from tests.refusals import assert_names
 
 TORN = {"regions": 2, "ice": 0.5}
@@ -29,7 +30,7 @@ def test_the_search_says_what_trying_every_choice_says(climb, planner):
     for seed in (5, 8):
         course = climb(seed, **TORN)
         singly = [
-            best.solve(course.with_choice(choice))
+            best.solve(with_choice(course, choice))
             for choice in itertools.product(range(2), repeat=len(course.footholds))
         ]
         objectives = [outcome.objective for outcome in singly if outcome.status is Status.FEASIBLE]
@@ -54,7 +55,7 @@ def test_with_other_polygons_and_not_equally_many_candidates_it_says_so_too(roug
         counts = [len(put.candidates) for put in course.footholds]
         assert min(counts) < max(counts)
         singly = [
-            planner.solve(course.with_choice(choice))
+            planner.solve(with_choice(course, choice))
             for choice in itertools.product(*map(range, counts))
         ]
         outcome = planner.solve(course)

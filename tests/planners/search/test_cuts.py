@@ -33,6 +33,7 @@ from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.geometry import cut as cut_again, sag
+from tests.planners.oracle import with_choice
 
 TORN = {"regions": 2, "ice": 0.5}
 LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
@@ -62,7 +63,7 @@ def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb
             assert cuts.add(row) == 0
             for other in (choice, *rng.integers(2, size=(4, len(choice)))):
                 proof = Certificate(tree=LEAF, multipliers=row[None])
-                accepted = check_certificate(proof.of(course.with_choice(other))).accepted
+                accepted = check_certificate(proof.of(with_choice(course, other))).accepted
                 said = cuts.refuting(np.eye(2)[other]) is not None
                 assert not said or accepted
                 if said != accepted:  # only a bound between zero and the margin
@@ -110,7 +111,7 @@ def test_what_refutes_one_stance_alone_refutes_the_course(climb, programs, share
                 if lifted.bound > MARGIN:
                     row = of_stance(scaled, stance, lifted)
                     proof = Certificate(tree=LEAF, multipliers=row[None])
-                    assert check_certificate(proof.of(course.with_choice(choice))).accepted
+                    assert check_certificate(proof.of(with_choice(course, choice))).accepted
                     cuts.add(row)
                     refuted += 1
             only = np.eye(2)[choice]

@@ -376,8 +376,7 @@ def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
 def test_an_envelope_out_of_reach_of_a_posture_has_no_point(feasible, use):
     problem, outcome = feasible[0]
     far = Envelope.around(witness(problem, outcome) + 3.0).widened(0.1)
-    planner = Micp(intervals=2, envelope_use=use, envelopes=far)
-    assert planner.solve(problem).claim == "infeasible"
+    assert Micp(intervals=2, envelope_use=use, envelopes=far).solve(problem).claim == "infeasible"
 
 
 def test_an_envelope_out_of_reach_is_a_claim_of_infeasible_that_proves_nothing(walls, learned):

@@ -19,6 +19,7 @@ from stancekit.planners.search.choice import nearest
 from stancekit.planners.search.nogoods import Nogoods
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
+from tests.planners.oracle import with_choice
 
 SEEDS = st.integers(0, 2**32 - 1)
 SCENES = ((("wall-3", 234), 3, 2e-2), (("wall-3", 225), 2, 2e-3), (("ground-3", 86), 3, 2e-3))
@@ -114,7 +115,7 @@ def test_no_choice_that_a_nogood_covers_has_a_plan_and_some_that_none_covers_has
     rng = np.random.default_rng(1)
     for choice in rng.integers(3, size=(8, 3)):
         covered = nogoods.refuting(np.eye(3)[choice]) is not None
-        outcome = planner.solve(course.with_choice(choice))
+        outcome = planner.solve(with_choice(course, choice))
         assert outcome.status is not Status.UNDECIDED
         assert not covered or outcome.status is Status.INFEASIBLE
         seen.add((covered, outcome.status))

@@ -51,8 +51,7 @@ def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
 
 
 def test_it_is_the_planner_on_the_window_and_without_a_horizon_on_all_that_is_left(course):
-    first = replan(None, course)
-    assert same(first, TwoStage().solve(course_window(course, 0, course.frames - 1)))
+    assert same(replan(None, course), TwoStage().solve(course_window(course, 0, course.frames - 1)))
     state = Standing.at_end(replan(None, course, horizon=2).solution)
     window = course_window(course, 2, course.frames - 1, state)
     assert same(replan(state, course, frame=2), TwoStage().solve(window))

@@ -135,8 +135,7 @@ def test_neither_new_programs_nor_few_of_them_change_an_answer(climb, rough):
 def test_units_do_not_matter(climb, programs):
     course = climb(2)
     other = TwoStage(programs=programs).solve(replace(course, length_scale_m=0.5))
-    same = TwoStage(programs=programs).solve(course)
-    assert other.bound == pytest.approx(same.bound, rel=1e-4)
+    assert other.bound == pytest.approx(TwoStage(programs=programs).solve(course).bound, rel=1e-4)
 
 
 # --------------------------------------------------------------------------------------------------------

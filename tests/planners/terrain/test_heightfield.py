@@ -228,8 +228,7 @@ def test_a_function_finer_than_its_spline_says_by_how_many_millimetres():
         HeightField.from_function(lambda x, y: 0.02 * np.sin(2.0 * np.pi * x / 0.12), name="comb")
     words = str(caught.value)
     assert words.startswith("comb: finer than a spline of 50 mm spacing can hold: it misses by ")
-    said = float(words.split("misses by ")[1].split(" mm")[0])
-    assert 5.0 < said < 40.0
+    assert 5.0 < float(words.split("misses by ")[1].split(" mm")[0]) < 40.0
     HeightField.from_function(
         lambda x, y: 0.02 * np.sin(2.0 * np.pi * x / 0.12), spacing_m=0.01, name="comb"
     )

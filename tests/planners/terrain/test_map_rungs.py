@@ -50,8 +50,7 @@ def test_flat_bars_and_bars_of_two_samples_are_no_rungs():
 
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_and_flat_strips_make_no_rungs(seed):
-    flat = bars(0.2, 0.005, 0.004, seed, round_bars=False)
-    assert not rungs_of(footholds_of(flat, LIMITS))
+    assert not rungs_of(footholds_of(bars(0.2, 0.005, 0.004, seed, round_bars=False), LIMITS))
     x = np.arange(-0.4, 0.4, 0.02)
     noise = 0.01 * np.random.default_rng(seed).standard_normal((len(x), len(x)))
     assert not rungs_of(footholds_of(ElevationMap(x_m=x, y_m=x, heights_m=noise, name="noise")))

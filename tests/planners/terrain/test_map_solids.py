@@ -78,8 +78,7 @@ def test_a_wide_block_has_sides_and_its_top_stays_free_for_feet():
     found = standing_boxes(heights(box), 0.0)
     around = [(x, y) for x in (1.0, 2.0) for y in np.linspace(1.0, 2.0, 15)]
     around += [(y, x) for x, y in around]
-    points = np.array([(x, y, z) for x, y in around for z in (0.05, 0.4, 0.75)])
-    assert inside(found, points).all()
+    assert inside(found, np.array([(x, y, z) for x, y in around for z in (0.05, 0.4, 0.75)])).all()
     assert found[:, 5].max() <= 0.8 - 0.009
 
 

@@ -160,6 +160,5 @@ def test_the_part_of_a_piece_whose_ground_feet_find_is_known_well_enough_and_who
         np.testing.assert_allclose(corners[:, 2], -0.2 * corners[:, 0], atol=1e-12)
         assert part.area_m2 == pytest.approx(share * whole.area_m2, rel=0.04)
         assert (part.area_m2 == pytest.approx(whole.area_m2)) == (slope_sd == 0.0)
-    rough = replace(sure, rough_m=0.007)
-    assert replace(whole, patch=patch.with_certainty(rough)).found is None
+    assert replace(whole, patch=patch.with_certainty(replace(sure, rough_m=0.007))).found is None
     assert replace(whole, patch=patch).found.patch is patch

@@ -18,6 +18,7 @@ from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate
 from stancekit.planners.verify.lagrangian import multiplier_count, multiplier_shapes
 from stancekit.planners.verify.stances import Schedule
+from tests.planners.oracle import with_choice
 from tests.refusals import assert_names
 
 PROGRAMS = Programs()
@@ -192,7 +193,7 @@ def test_a_leaf_must_refute_all_candidates_that_are_open_there(slippery):
         Certificate(tree=np.array(tree), multipliers=np.array([*rows, row])).of(mixed)
     )
     assert not proof.accepted
-    assert check_certificate(leaf(row).of(mixed.with_choice([0] * len(better)))).accepted
+    assert check_certificate(leaf(row).of(with_choice(mixed, [0] * len(better)))).accepted
 
 
 def test_moves_are_those_of_the_schedule(walk):

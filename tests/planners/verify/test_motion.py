@@ -104,8 +104,7 @@ def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Motio
 
 def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Motion]) -> None:
     jumps = check_plan(with_joints(walk(2, "all")), joints=True)
-    found = jumps.group("motion")
-    assert found.verdict == "not asked for"
+    assert jumps.group("motion").verdict == "not asked for"
     assert jumps.group("bodies").verdict == "holds"
     assert_names(jumps.hindrance, "frames")
     assert "motion" not in jumps.checked

@@ -380,8 +380,7 @@ def test_gauss_newtons_residual_slopes_are_finite_differences():
         way = np.eye(9)[k].reshape(3, 3, 1)
         difference = (residual(jacobian + 1e-6 * way) - residual(jacobian - 1e-6 * way)) / 2e-6
         np.testing.assert_allclose(slopes[:, k], difference, atol=1e-7)
-    blocks = np.moveaxis(point_blocks(jacobian, 0.01), -1, 0)
-    assert np.linalg.eigvalsh(blocks).min() > -1e-12
+    assert np.linalg.eigvalsh(np.moveaxis(point_blocks(jacobian, 0.01), -1, 0)).min() > -1e-12
 
 
 def test_every_method_keeps_the_walls_and_lowers_the_energy_from_where_it_starts():

@@ -292,8 +292,7 @@ def test_a_leap_leaves_in_every_format_that_needs_no_joints(tmp_path: Path) -> N
 
 def test_a_leap_of_a_robot_with_legs_leaves_with_its_joints(tmp_path: Path) -> None:
     leap = stancekit.load("tests/data/leap-hop-anymal.json", Motion)
-    done = stancekit.export(leap, tmp_path / "leap.csv", rate_hz=100.0)
-    assert done.without == ""
+    assert stancekit.export(leap, tmp_path / "leap.csv", rate_hz=100.0).without == ""
     table = read_table(tmp_path / "leap.csv")
     assert len(table.joints) == 12
     assert np.isfinite(table.columns["angles_rad"]).all()
@@ -317,8 +316,7 @@ def test_torques_that_leave_turn_joints_against_their_damping_and_friction(tmp_p
         stiffer.columns["torques_nm"] - free.columns["torques_nm"], against, atol=1e-9
     )
     assert np.abs(against).max() > 3.0
-    groups = check_motion(stiffer, robot, moved.terrain)
-    assert groups.group("effort").worst < 0.1
+    assert check_motion(stiffer, robot, moved.terrain).group("effort").worst < 0.1
 
 
 KP_NM_RAD, KD_NMS_RAD = 200.0, 4.0

@@ -338,5 +338,4 @@ def test_a_walk_from_or_to_a_solid_is_refused_at_once(start, goal, name):
 
 def test_the_top_of_a_wide_block_is_a_place_to_stand():
     terrain = level((1.0, 4.0, -2.0, 2.0))
-    task = Walk.over(terrain, (2.6, 0.0), start=(2.4, 0.0), duration_s=4.0)
-    assert guided(task) is None
+    assert guided(Walk.over(terrain, (2.6, 0.0), start=(2.4, 0.0), duration_s=4.0)) is None
