@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InvalidInput
+from ..errors import InvalidInput, require
 from ..files.arrays import Array, read_only
 from ..plugins import Registry, split_name, takes
 from .elevation import ElevationMap
@@ -183,6 +183,7 @@ def named_terrain(
     """
     if names_ground(name):
         check_unasked(options, name)
+        require(not smooth_m, f"smooth_m: expected none with {name}, which is read from no file")
         if not drawn_name(name):
             return reference_terrain(name)
         family, level, seed = read_draw(name, "terrain")

@@ -358,9 +358,8 @@ class TrajectoryMeasurements:
     def reach(self) -> Array:
         """Distance of feet outside their boxes in the torso's frame (W4), shape (K, E) [m]."""
         local = np.einsum("kji,kej->kei", self.trajectory.rotation, self.arms)
-        low = np.array([foot.reach_min_m for foot in self.robot.feet])
-        high = np.array([foot.reach_max_m for foot in self.robot.feet])
-        return _outside(local, low, high)
+        ends = [(foot.reach_min_m, foot.reach_max_m) for foot in self.robot.feet]
+        return _outside(local, *np.array(ends).swapaxes(0, 1))
 
     def domain(self) -> Array:
         """Distance of feet and torso outside the terrain's grid, shape (K, E + 1) [m]."""

@@ -167,6 +167,11 @@ def test_a_terrain_says_what_it_lacks(tmp_path):
     )  # as the command gives them
 
 
+def test_a_named_ground_is_smoothed_by_nobody() -> None:
+    with refuses("smooth_m", "ripple"):
+        stancekit.heights("ripple", smooth_m=0.1)
+
+
 def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_path: Path) -> None:
     steep, mended = tmp_path / "steep.obj", tmp_path / "mended.obj"
     steep.write_text(re.sub(r"v (-?1) (-?1) 0", r"v \1 \2 \1", BLOCK), encoding="utf-8")
