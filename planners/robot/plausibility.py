@@ -33,7 +33,7 @@ _SLIGHT = 1e-3
 frame with a placeholder, or with moments that no body has."""
 _FAR = 10.0
 """A moment of this many times m R² is one in other units."""
-_NO_SHAPE = "no shape"
+_NO_SHAPE = "no shape about its centre of mass"
 _VAST = 20.0
 """A shape of so many lengths of a leg is in other units."""
 _LEAST_SHARE = 0.01

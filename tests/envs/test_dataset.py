@@ -717,4 +717,5 @@ def test_what_an_environment_shows_can_be_written_to():
     second, _, _, _, info = env.step(np.ones(36, np.float32))
     assert all(np.array_equal(second[name], kept[name]) for name in kept)
     info["expert_point"][:] = 7.0
+    env.reset(seed=0)
     assert not np.any(env.step(np.ones(36, np.float32))[4]["expert_point"] == 7.0)

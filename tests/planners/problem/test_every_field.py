@@ -38,6 +38,7 @@ BODY: Changes = {
     "length_scale_m": lambda p: 2.0 * p.length_scale_m,
     "force_scale_n": lambda p: 2.0 * p.force_scale_n,
     "push_n": lambda p: 0.8 * p.weight_n,
+    "doubts": lambda p: ("a hole is filled",),
     "wrench": lambda p: np.tile([0.0, 0.4 * p.weight_n, 0.0, 0.0, 0.0, 0.0], (p.frames, 1)),
     "robot": lambda p: replace(p.robot, mass_kg=2.0 * p.robot.mass_kg),
     "footholds": lambda p: tuple(
@@ -135,7 +136,7 @@ def seen(value: Any) -> Any:
 def judged(problem: Problem) -> Any:
     answer = asked("posture" if problem.is_posture else "course")[1]
     report = stancekit.verify(replace(answer, problem=problem))
-    return [(each.name, each.verdict, each.value) for each in report.groups]
+    return [report.doubts, *((each.name, each.verdict, each.value) for each in report.groups)]
 
 
 def screened(problem: Problem) -> Any:
@@ -153,6 +154,8 @@ def programmed(walk: Walk) -> Any:
 
 WORDS = {"name", "modes"}
 """Of a course they stand in reports."""
+DOUBTS = {"doubts"}
+"""They stand beside answers, in reports and files."""
 UNITS = {"length_scale_m", "force_scale_n"}
 AIM = {"goal_m", "weights", "standing_m"}
 """What the best plan is, and not whether one is right."""
@@ -161,10 +164,10 @@ READERS: dict[str, tuple[Changes, type[Any], dict[str, tuple[Callable[[Any], Any
         POSTURE,
         Problem,
         {
-            "file": (lambda p: p.to_json(), set()),
-            "numbers": (lambda p: seen(Scaled.of(p)), set()),
+            "file": (lambda p: p.to_json(), DOUBTS),
+            "numbers": (lambda p: seen(Scaled.of(p)), DOUBTS),
             "batch": (lambda p: PostureBatch.stacked([asked("posture")[0], p]), set()),
-            "screen": (screened, set()),
+            "screen": (screened, DOUBTS),
             "verify": (judged, UNITS),
         },
     ),
@@ -174,7 +177,7 @@ READERS: dict[str, tuple[Changes, type[Any], dict[str, tuple[Callable[[Any], Any
         {
             "proof": (
                 lambda p: str(stancekit.verify(asked("proof")[1].of(p)).figures),
-                {"push_n", "weights"},
+                {"push_n", "weights"} | DOUBTS,
             )
         },
     ),
@@ -183,7 +186,10 @@ READERS: dict[str, tuple[Changes, type[Any], dict[str, tuple[Callable[[Any], Any
         Problem,
         {
             "file": (lambda p: p.to_json(), set()),
-            "numbers": (lambda p: seen(Scaled.of(p)), WORDS | {"terrain", "standing_m", "sides"}),
+            "numbers": (
+                lambda p: seen(Scaled.of(p)),
+                WORDS | DOUBTS | {"terrain", "standing_m", "sides"},
+            ),
             "verify": (judged, WORDS | UNITS | AIM),
         },
     ),
