@@ -65,7 +65,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "gait": {
         CHOICES: ("planners.gait.charts",),
         LATER: ("planners.formats.motion_file",),
-        TOOL: ("planners.verify.trajectory_measurements",),
+        TOOL: ("planners.answer.motion", "planners.verify.trajectory_measurements"),
         DRAWS: (
             "planners.gait.charts.warped",
             "views.gaits",
