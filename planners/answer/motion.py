@@ -68,7 +68,8 @@ def doubts_of(thing: Any) -> tuple[str, ...]:
     asked = getattr(thing, "problem", thing)
     its = [getattr(thing, "robot", None), asked]
     its += [getattr(asked, name, None) for name in ("terrain", "course")]
-    return tuple(dict.fromkeys(d for of in its for d in getattr(of, "doubts", ())))
+    said = (" ".join(doubt.split()) for of in its for doubt in getattr(of, "doubts", ()))
+    return tuple(dict.fromkeys(said))
 
 
 class Evidence:

@@ -437,7 +437,7 @@ def _inner(polygon: Any, inset: float) -> Any:
     if pocket <= _POCKET:
         return hull.buffer(-max(pocket, inset), join_style="mitre").simplify(0.05)
     return (
-        polygon.buffer(-0.5, join_style="mitre")
+        polygon.buffer(-inset, join_style="mitre")
         .simplify(_POCKET)
         .buffer(-_POCKET, join_style="mitre")
     )

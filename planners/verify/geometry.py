@@ -81,7 +81,7 @@ def patch_distances(polygons: list[Array], toes: Array) -> Array:
         toes: shape (K, 3) [m].
     """
     counts = [len(polygon) for polygon in polygons]
-    if max(counts) == 3:
+    if set(counts) == {3}:
         return triangle_distances(np.array(polygons), toes)
     distances = np.empty(len(polygons))
     for count in set(counts):
@@ -243,14 +243,16 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
     Returns:
         Shape (P,) [m], inf where there is none.
     """
+    distances = np.full(len(toes), np.inf)
     if not terrain:
-        return np.full(len(toes), np.inf)
+        return distances
     normals, friction = (
         np.array([patch.normal for patch in terrain]),
         np.array([patch.friction for patch in terrain]),
     )
-    beyond_m = [0.0 if patch.certainty is None else patch.certainty.wider_m for patch in terrain]
-    carries = np.array(beyond_m) < FOR_BODIES_M
+    carries = np.array(
+        [each.certainty is None or each.certainty.wider_m < FOR_BODIES_M for each in terrain]
+    )
     low = np.array([patch.vertices_m.min(axis=0) for patch in terrain])
     high = np.array([patch.vertices_m.max(axis=0) for patch in terrain])
     near = list[list[int]]()
@@ -264,9 +266,7 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
         )
         most = max(_THICK_M, float(about.min()))
         near.append(np.flatnonzero(bears & (about <= most)).tolist())
-    distances, counts = np.full(len(toes), np.inf), [len(each) for each in near]
-    if not any(counts):
-        return distances
+    counts = [len(each) for each in near]
     gaps = patch_distances(
         [terrain[i].vertices_m for each in near for i in each], np.repeat(toes, counts, axis=0)
     )

@@ -172,6 +172,12 @@ def test_a_posture_has_a_file_and_is_not_run(tmp_path):
             call()
 
 
+def test_a_doubt_in_a_file_is_one_line_whatever_is_in_it(plan, tmp_path):
+    asked = dataclasses.replace(plan.problem, doubts=("mended\naccepted",))
+    stancekit.save(dataclasses.replace(plan, problem=asked), tmp_path / "a.json")
+    assert stancekit.verify(tmp_path / "a.json").report.doubts == ("mended accepted",)
+
+
 def test_a_certificate_knows_what_it_is_a_proof_of(problems):
     answer = stancekit.solve(problems[0])
     certificate = answer.certificate

@@ -5,10 +5,12 @@ from itertools import product
 
 import numpy as np
 import pytest
+import shapely
 
 from stancekit.planners.terrain.correlation import GroundCells
 from stancekit.planners.terrain.elevation import ElevationMap
 from stancekit.planners.terrain.footholds import FootholdLimits, TerrainPatch, footholds_of
+from stancekit.planners.terrain.map_footholds import _inner
 from stancekit.planners.terrain.patch import FOUND_SD_M, Certainty
 from stancekit.planners.terrain.polygon import surface_patch
 from tests.refusals import refuses
@@ -162,3 +164,9 @@ def test_the_part_of_a_piece_whose_ground_feet_find_is_known_well_enough_and_who
         assert (part.area_m2 == pytest.approx(whole.area_m2)) == (slope_sd == 0.0)
     assert replace(whole, patch=patch.with_certainty(replace(sure, rough_m=0.007))).found is None
     assert replace(whole, patch=patch).found.patch is patch
+
+
+@pytest.mark.parametrize("inset", [0.5, 1.0])
+def test_an_outline_round_a_hole_is_made_simpler_so_far_inside_of_itself(inset):
+    ring = shapely.Point(0.0, 0.0).buffer(85.0).difference(shapely.Point(0.0, 0.0).buffer(40.0))
+    assert shapely.distance(ring.boundary, _inner(ring, inset)) >= inset - 1e-9
