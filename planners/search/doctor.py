@@ -107,7 +107,7 @@ def diagnosed(
         if answer.solution is not None:
             answer = with_whole_body(answer, WholeBodyLimits(), None, deadline=deadline)
         plan = answer.solution
-    where = "" if not frame.heading_rad else f"in a frame turned by {frame.heading_rad:.3g} rad"
+    where = f"in a frame turned by {frame.heading_rad:.3g} rad" if frame.heading_rad else ""
     if answer.status is Status.FEASIBLE and plan is not None and answer.report is not None:
         groups += (*_held(plan), *answer.report.groups)
         return replace(answer.report, groups=tuple(groups), remark=where)
@@ -129,7 +129,7 @@ def diagnosed(
     if not blamed:
         groups += _whole(answer)
         first = next((each for each in groups if each.verdict == "not checked"), None)
-        if first is not None and all(group.verdict != "violated" for group in groups):
+        if first and all(group.verdict != "violated" for group in groups):
             defect = f"nothing completes it, and nothing is proved; {first.name}: {first.message}"
     mended = None
     if mend and turn_rad < _TURN_RAD:
@@ -149,7 +149,14 @@ def diagnosed(
             forces_n=np.zeros((len(course.stances), len(course.robot.limbs), 3)),
         )
     )
-    return Report(groups=tuple(groups), answer=found, tolerance=0.0, defect=defect, remark=where)
+    return Report(
+        groups=tuple(groups),
+        answer=found,
+        tolerance=0.0,
+        defect=defect,
+        remark=where,
+        more_doubts=course.doubts,
+    )
 
 
 def _frame(heading_rad: float) -> Frame:

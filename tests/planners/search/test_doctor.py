@@ -130,3 +130,15 @@ def test_one_that_turns_is_judged_stance_by_stance_and_never_accepted() -> None:
     assert {group.verdict for group in report.groups if group.name.startswith("step 0")} == {
         "holds"
     }
+
+
+def test_a_doubt_about_the_ground_stands_beside_the_proof_that_refuses_a_sequence() -> None:
+    lines = walk()
+    next(line for line in lines if line[:2] == [2, "RM"])[2] = 1.5
+    floor = "v -3 -3 0\nv 3 -3 0\nv 3 3 0\nv -3 3 0\nf 1 2 3\nf 1 3 4\n"
+    solid = "v 2 2 0\nv 2.2 2 0\nv 2 2.2 0\nv 2 2 .2\nf 5 6 7\nf 5 7 8\nf 5 8 6\nf 6 8 7\n"
+    Path("mended.obj").write_text(floor + solid)
+    with pytest.warns(UserWarning, match="inside out"):
+        report = stancekit.verify(written(lines), terrain="mended.obj").report
+    assert (report.accepted, len(report.doubts)) == (False, 1)
+    assert "inside out" in report.doubts[0]
