@@ -200,19 +200,19 @@ def _ground(name: str, options: ImportOptions) -> Sequence[Patch] | Ground:
     with suppress(InvalidInput):  # of holes, and of what is too steep for a spline
         points, many = _ON_TRIANGLES @ mesh.spread_m, len(mesh.triangles) > _MANY
         heights = named_terrain(name, options)
-        off_m, seen_m = points[..., 2] - heights.height(points[..., :2]), mesh.off_m(heights)
-        worst_m = max((off_m if many else np.abs(off_m)).max(), seen_m)
-        if worst_m < _HELD_M:  # of many triangles some are hidden below
-            return Ground(heights=heights, friction=_FRICTION)
-        if many:
-            return Ground(
-                heights=heights,
-                friction=_FRICTION,
-                doubt=doubt(
+        off_m = points[..., 2] - heights.height(points[..., :2])
+        seen_m = (mesh.off_m(heights, share) for share in (0.25, 0.5, 0.75))
+        worst_m = max((off_m if many else np.abs(off_m)).max(), *seen_m)  # some are hidden below
+        if many or worst_m < _HELD_M:
+            said = (
+                ""
+                if worst_m < _HELD_M
+                else doubt(
                     f"{name}: more than {_MANY} triangles, judged by heights that are up to "
                     f"{1e3 * worst_m:.3g} mm off them"
-                ),
+                )
             )
+            return Ground(heights=heights, friction=_FRICTION, doubt=said)
     return footholds_of(mesh, friction=_FRICTION, none=True).surfaces
 
 

@@ -527,11 +527,11 @@ class TriangleMesh:
             name=self.name,
         )
 
-    def off_m(self, heights: HeightField) -> float:
-        """The most that heights are off what is seen from above in the middle between the lines of
-        their grid, where edges on lines show [m].
+    def off_m(self, heights: HeightField, share: float) -> float:
+        """The most that heights are off what is seen from above at a share of the way from each line
+        of their grid to the next, where edges on lines show, and slots between them [m].
         """
-        lines = [0.5 * (each[1:] + each[:-1]) for each in (heights.x_m, heights.y_m)]
+        lines = [each[:-1] + share * np.diff(each) for each in (heights.x_m, heights.y_m)]
         seen = raised(self.spread_m, *lines)
         away = seen - heights.height(np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1))
         return float(np.abs(away[np.isfinite(seen)]).max(initial=0.0))

@@ -261,7 +261,7 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
         bears &= friction >= patch.friction - _ROUGHER
         about = np.where(
             bears,
-            np.linalg.norm(np.maximum(low - toe, 0.0) + np.maximum(toe - high, 0.0), axis=1),
+            lengths(np.maximum(low - toe, 0.0) + np.maximum(toe - high, 0.0)),
             np.inf,
         )
         most = max(_THICK_M, float(about.min()))

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..answer.report import Group, Report
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, cross, grain
+from ..files.arrays import Array, cross, grain, lengths
 from ..motion.motion import MotionTable, one_sided
 from ..physics import GRAVITY_M_S2
 from ..robot.inverse_kinematics import WholeBody
@@ -364,13 +364,13 @@ class _Measured:
 
     def com(self) -> _Worst:
         """Distance of the table's centre of mass from that of the robot, (T,)."""
-        return _worst(np.linalg.norm(self.known["com_m"] - self._com, axis=1), (), self.times_s)
+        return _worst(lengths(self.known["com_m"] - self._com), (), self.times_s)
 
     def feet(self) -> _Worst:
         """Distance of the table's feet from where joints and body put them, less what a large one
         rolls beyond the limit, (T, N).
         """
-        away = np.linalg.norm(self.known["feet_m"] - self._feet[0], axis=-1)
+        away = lengths(self.known["feet_m"] - self._feet[0])
         rolls_m = np.maximum(_ROLLS_RAD * self.kinematics.radii_m - self.limits.feet_m, 0.0)
         return _worst(away - rolls_m, self.limbs, self.times_s)
 
@@ -679,7 +679,7 @@ def nearest(
         below = centres_m[:, 2] < terrain.heights.height(centres_m[:, :2])
         low, high = np.transpose(terrain.heights.domain_m)
         place[:, :2] = place[:, :2].clip(low, high)  # beyond its border there is no ground
-        far = np.linalg.norm(centres_m - place, axis=1)
+        far = lengths(centres_m - place)
         below &= terrain.heights.contains(centres_m[:, :2])
         gap = np.where(below, -far, far) - radii_m
         return gap, normal, np.full(len(centres_m), terrain.friction)

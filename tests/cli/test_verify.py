@@ -380,17 +380,26 @@ def test_heights_that_are_not_the_mesh_are_doubted_and_hold_nothing_that_asks_fo
     assert held or record["report"]["doubts"][0].startswith(f"{ground}: more than 5000")
 
 
-def test_an_edge_on_a_line_of_the_grid_is_no_slope_to_stand_on(tmp_path: Path) -> None:
-    """A step of 0.1 m whose lower side has 5,618 triangles, of which none ends near its edge."""
+EDGE = ((-1.0, 0.1), (0.0, 0.1), (0.0, 0.0), (0.3, 0.0))
+SLOT = ((-1.0, 0.0), (0.005, 0.0), (0.005, -0.3), (0.022, -0.3), (0.022, 0.0), (0.3, 0.0))
+
+
+@pytest.mark.parametrize(("profile", "off_mm"), [(EDGE, 78.4), (SLOT, 300)])
+def test_an_edge_on_a_line_of_the_grid_and_a_slot_between_lines_are_no_ground_to_stand_on(
+    profile: tuple[tuple[float, float], ...], off_mm: float, tmp_path: Path
+) -> None:
+    """A step of 0.1 m, and a slot of 17 mm, whose side has 5,618 triangles; none ends at its edge."""
     ground, rows = tmp_path / "edge.obj", range(54)
     lines = [f"v {0.3 + 0.03 * x} {0.03 * y - 0.8} 0" for x in rows for y in rows]
     corners = [54 * x + y + 1 for x in rows[1:] for y in rows[1:]]
     lines += [f"f {k - 55} {k - 1} {k}\nf {k - 55} {k} {k - 54}" for k in corners]
-    profile = ((-1.0, 0.1), (0.0, 0.1), (0.0, 0.0), (0.3, 0.0))
     lines += [f"v {x} {y} {z}" for x, z in profile for y in (-0.8, 0.79)]
-    lines += [f"f -{k} -{k - 2} -{k - 1}\nf -{k - 2} -{k - 3} -{k - 1}" for k in (8, 6, 4)]
+    lines += [
+        f"f -{k} -{k - 2} -{k - 1}\nf -{k - 2} -{k - 3} -{k - 1}"
+        for k in range(2 * len(profile), 2, -2)
+    ]
     ground.write_text("\n".join(lines))
-    with pytest.warns(UserWarning, match="judged by heights that are up to 50 mm off them"):
+    with pytest.warns(UserWarning, match=f"judged by heights that are up to {off_mm} mm off them"):
         assert _ground(str(ground), ImportOptions()).doubt
 
 
