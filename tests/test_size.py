@@ -36,7 +36,7 @@ HELD: dict[str, Size] = {
     "configs": (3, 30),
     "envs": (3055, 42337),
     "learners": (5161, 75992),
-    "planners": (34799, 574662),
+    "planners": (34799, 574683),
     "runner": (6509, 89532),
     "views": (4179, 66927),
 }

@@ -62,16 +62,16 @@ _EXACT = 0.04
 _FLATTEST = 0.02
 """Heights without noise are off a narrow strip by no more than this share of the roughness."""
 _ROUNDED_M, _ON_PLANES, _BY_CHANCE = 1e-4, 0.98, 4.0
-"""Points of a cloud without noise are off planes by no more [m], in files of four digits; this share of the cells
-within surfaces; and so many of 3 × 3 cells have no point by chance; their cells have three points, not two.
-"""
+"""Points of a cloud without noise are off planes by no more [m], in files of four digits, in this
+share of the cells within surfaces. So many of 3 × 3 cells have no point by chance. Cells of such a
+cloud have three points instead of two."""
 _STRAIGHT = 0.25
 """The outline that bodies keep out of is made simpler by no more than this, in cells."""
 _OWN = 1.0 - 1e-3
 """Share of a surface's cells in the ground between them, as rounded."""
 _DEEP = 0.4
-"""Foreign cells so deep within that outline, in cells, are in gaps that it closes over: beside a straight
-edge they are less."""
+"""Foreign cells so deep within that outline, in cells, are in gaps that it closes over; beside a
+straight edge they are less deep."""
 _POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 

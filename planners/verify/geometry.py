@@ -275,7 +275,11 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
             if off[k] >= distances[p]:
                 break
             if (sure := terrain[near[p][k]].certainty) is not None:
-                off[k] = max(float(off[k]), sure.wider_m - _border_m(terrain, near[p][k], toes[p]))
+                off[k] = max(
+                    float(off[k]),
+                    sure.wider_m
+                    - _border_m(terrain, near[p][k], toes[p], max(FAR_M, sure.wider_m)),
+                )
             distances[p] = min(distances[p], float(off[k]))
     return distances
 
@@ -300,23 +304,24 @@ def certainty_under(
     _, first = min(near)
     sure = terrain[first].certainty
     assert sure is not None
-    return sure, _border_m(terrain, first, toe) - sure.wider_m
+    return sure, _border_m(terrain, first, toe, max(FAR_M, sure.wider_m)) - sure.wider_m
 
 
-def _border_m(terrain: Sequence[Patch], first: int, toe: Array) -> float:
-    """Distance of a toe to the border of the surface that a patch is a piece of, ``FAR_M`` at most [m].
+def _border_m(terrain: Sequence[Patch], first: int, toe: Array, far_m: float) -> float:
+    """Distance of a toe to the border of the surface that a patch is a piece of [m].
 
     Arguments:
         first: number of the patch.
         toe: in the patch, shape (3,) [m].
+        far_m: the largest distance that matters.
     """
     patch, angles = terrain[first], np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
     ways, axes = np.stack([np.cos(angles), np.sin(angles)]), patch.frame[:, 1:]
     begins, ends = list[Array](), list[Array]()
     for other in terrain:
-        if not _same_surface(patch, other) or np.any(other.vertices_m.min(axis=0) > toe + FAR_M):
+        if not _same_surface(patch, other) or np.any(other.vertices_m.min(axis=0) > toe + far_m):
             continue
-        if np.any(other.vertices_m.max(axis=0) < toe - FAR_M):
+        if np.any(other.vertices_m.max(axis=0) < toe - far_m):
             continue
         normals, offsets = half_planes((other.vertices_m - toe) @ axes)
         along = normals @ ways
@@ -328,7 +333,7 @@ def _border_m(terrain: Sequence[Patch], first: int, toe: Array) -> float:
     for _ in begins:
         meets = (begin <= out + _THICK_M) & (begin <= end)
         out = np.maximum(out, np.max(np.where(meets, end, 0.0), axis=0))
-    return float(min(out.min(), FAR_M))
+    return float(min(out.min(), far_m))
 
 
 def _same_surface(one: Patch, other: Patch) -> bool:

@@ -137,6 +137,17 @@ def test_exact_maps_carry_toes_up_to_their_samples_and_bodies_keep_out_of_half_a
         assert report.group("terrain").verdict == verdict
 
 
+@pytest.mark.parametrize("spacing_m", [0.1, 0.29, 0.31, 0.5, 1.0])
+def test_a_flat_map_carries_toes_up_to_its_outermost_samples_at_any_spacing(spacing_m):
+    x_m = spacing_m * np.arange(-4, 5)
+    ground = ElevationMap(x_m=x_m, y_m=x_m, heights_m=np.zeros((9, 9)), name="flat")
+    footholds = footholds_of(ground)
+    patch, places_m = footholds.pieces[0].patch, x_m[-1] * np.array([0.0, 0.5, 0.99, 1.01, 1.2])
+    toes = np.stack([places_m, np.zeros(5), np.zeros(5)], axis=1)
+    off_m = off_terrain(footholds.surfaces, [patch] * 5, toes)
+    assert (off_m == 0.0).tolist() == [True, True, True, False, False]
+
+
 def test_a_block_in_a_maps_corner_ends_where_it_ends():
     x, heights = 0.02 * np.arange(50), np.zeros((50, 50))
     heights[:20, :20] = 0.1  # the ground's box of cells has the same corner
