@@ -178,15 +178,15 @@ def fit(
             terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by
             line), "gmm" (its boundary is fitted by P1's margins), "ga", "gradient", "modes" (for
-            mode switching); "neural", "joint" (for P1 joined with the lift) and "rl"
-            need torch. Or one that a package registered under ``stancekit.methods``, or
-            "FILE.py:NAME". "surrogate" learns feasibility itself, for ``screen``, of one data set
-            or of several of one class; it needs torch. Of tries of leaps: "additive", a logistic
-            sum over the toes, and "set", a network that sees all candidates; both need torch.
-        calibration: rows to calibrate "neural" and "joint" on, and to draw the curve of "rl" on;
-            None for a part of the data set. For "surrogate" further rows, in addition to that part.
-        checkpoint: file ("rl": folder) by which a method that takes long goes on where it was
-            stopped: all but "heuristic", "quantile", "modes" and both of mixtures.
+            mode switching); "neural" and "joint" (for P1 joined with the lift) need torch. Or one
+            that a package registered under ``stancekit.methods``, or "FILE.py:NAME". "surrogate"
+            learns feasibility itself, for ``screen``, of one data set or of several of one class;
+            it needs torch. Of tries of leaps: "additive", a logistic sum over the toes, and "set",
+            a network that sees all candidates; both need torch.
+        calibration: rows to calibrate "neural" and "joint" on; None for a part of the data set. For
+            "surrogate" further rows, in addition to that part.
+        checkpoint: file by which a method that takes long goes on where it was stopped: all but
+            "heuristic", "quantile", "modes" and both of mixtures.
         workers: processes of "ga", or an executor; the result does not depend on them.
         progress: function called with the number of steps done and the number in all.
         settings: fields of ``learners.training.fitting.FitSettings``: share, clusters,

@@ -262,10 +262,10 @@ class Kept:
 def pool_source(arguments: Arguments, scenes: list[Any]) -> Kept:
     """A pool: of the folder, or of the scenes of the first turn."""
     from stancekit.envs.distributions.postures import distribution
-    from stancekit.envs.scenes import PooledScenes, SceneSettings
+    from stancekit.envs.scenes import ListedScenes, SceneSettings
 
     if arguments.pool is None:
-        return Kept(PooledScenes(scenes[:TURN]))
+        return Kept(ListedScenes(scenes[:TURN]))
     law = distribution(arguments.problem)
     return Kept(SceneSettings(scenes=arguments.pool).source(law, Programs()))
 

@@ -1,11 +1,10 @@
-"""``stancekit fit``, ``train`` and ``evaluate``: selectors learned from a data set or by reinforcement,
-and how well P1 answers with their envelopes and how often P2 gets back.
+"""``stancekit fit`` and ``evaluate``: selectors learned from a data set, how well P1 answers with
+their envelopes, and how often P2 gets back.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,14 +13,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from stancekit.planners.errors import InvalidInput, not_installed
+from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, draw_to_file, emit, grid, out, progress, stages, tell
+from .console import as_options, draw_to_file, emit, out, progress, tell
 from .options import (
     PROJECTION,
     ROBOT,
     TERRAIN,
-    OptionalInt,
     OptionalPath,
     OptionalText,
     check_drawn,
@@ -34,7 +32,6 @@ if TYPE_CHECKING:
     from stancekit import EnvelopeSet, Learned
     from stancekit.learners.data.executors import Executor
     from stancekit.learners.evaluation.evaluate import Score, Share
-    from stancekit.learners.training.reinforce import Trained
 
 
 _LEAP_SCORES = ("additive", "set")
@@ -59,7 +56,6 @@ class Fit:
       gradient       boxes that descend P1's margins together
       neural         a network from terrain to box
       joint          one to box and point, for P1 joined with the lift
-      rl             a policy learned in the environment
       modes          a box a terrain, between which `stancekit plan --envelopes` switches
       surrogate      feasibility itself, for `stancekit map`, `label --screen` and `screen`
       additive, set  scores of candidates for `stancekit plan --policy`, of leaps' labelled tries
@@ -96,14 +92,14 @@ class Fit:
     seed: int = 0
     """Seed of mixture and descent."""
     config: OptionalPath = None
-    """YAML file with the settings of ga, neural and rl, each under its name (ga: genetic),
-    or with those of surrogate, additive and set."""
+    """YAML file with the settings of ga and neural, each under its name (ga: genetic), or with
+    those of surrogate, additive and set."""
     calibration: OptionalPath = None
-    """Data set folder to calibrate neural, joint and rl on; without it a part of the data set is kept
+    """Data set folder to calibrate neural and joint on; without it a part of the data set is kept
     for that. Of surrogate: further rows to calibrate on."""
     checkpoint: OptionalPath = None
-    """File (rl: folder) by which a method that takes long goes on where it was stopped: all but
-    heuristic, quantile, modes and both of gmm."""
+    """File by which a method that takes long goes on where it was stopped: all but heuristic,
+    quantile, modes and both of gmm."""
     workers: int = 1
     """Processes of ga, which tests a generation on all of them; the result does not depend on
     them."""
@@ -226,82 +222,6 @@ class Fit:
         return 0
 
 
-@dataclass
-class Train:
-    """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 by PPO, as a file says.
-
-    The folder gets policy.safetensors (loaded without pickle), checkpoint.npz, curve.jsonl
-    (held-out figures after every segment) and the labelled scenes. A run that is stopped, however
-    hard, goes on with --resume and ends with the policy that it would have ended with.
-
-      stancekit train configs/train-selection.yaml --out out/ppo
-      stancekit train configs/train-selection.yaml --out out/ppo --resume --steps 200000
-    """
-
-    config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """YAML file: environment, problem, steps, seed, train and held_out scenes, ppo;
-    configs/train-selection.yaml is one, and "Training" in the reference of keys has all."""
-    problem: Annotated[OptionalText, tyro.conf.arg(metavar="NAME")] = None
-    """Distribution, instead of the file's."""
-    robot: Annotated[OptionalText, ROBOT] = None
-    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names
-    one."""
-    terrain: Annotated[OptionalPath, TERRAIN] = None
-    """Mesh or grid that scenes are cut from, instead of the file's."""
-    out: Path = Path("out/train")
-    """Folder of the run."""
-    steps: OptionalInt = None
-    """Steps in all, instead of the file's."""
-    seed: OptionalInt = None
-    """Seed, instead of the file's."""
-    resume: bool = False
-    """Go on from the folder's checkpoint, or from the labels that it has so far."""
-    json: bool = False
-    """One JSON object a point of the learning curve."""
-
-    def run(self) -> int:
-        """Train and print the learning curve."""
-        try:
-            from stancekit.learners.training.reinforce import TrainConfig, train
-        except ModuleNotFoundError as error:
-            raise not_installed("train", error.name, "networks", "rl") from None
-        options = {
-            "steps": self.steps,
-            "seed": self.seed,
-            "problem": self.problem,
-            "robot": self.robot,
-            "terrain": None if self.terrain is None else str(self.terrain),
-        }
-        config = TrainConfig.from_yaml(
-            self.config, {name: value for name, value in options.items() if value is not None}
-        )
-        with stages(f"train {config.problem}") as bar:
-            learned = partial(bar, f"learn: {config.steps} steps")
-            trained = train(config, self.out, resume=self.resume, progress=learned, labelling=bar)
-        if self.json:
-            for point in trained.curve:
-                emit(asdict(point))
-        else:
-            out.print(_curve_table(trained))
-            out.print(f"{self.out / 'policy.safetensors'}: {trained.curve[-1].steps} steps")
-        return 0
-
-
-def _curve_table(trained: Trained) -> Table:
-    """The learning curve: mean reward an episode on held-out scenes, and further figures."""
-    names = list(trained.curve[0].figures)
-    columns = {name: {"justify": "right"} for name in ("steps", "reward", *names)}
-    rows = (
-        (
-            str(point.steps),
-            f"{point.reward:.3f}",
-            *(f"{point.figures[name]:.3f}" for name in names),
-        )
-        for point in trained.curve
-    )
-    return grid(columns, rows, title="held-out scenes", title_justify="left", header_style="bold")
-
-
 _LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
 _PROJECTED = ("fix-p", "lift-fix-p", "fix-toes", "scp")
@@ -331,8 +251,8 @@ class Evaluate:
         tuple[str, ...],
         named("stancekit.learners.selectors.selector:SELECTORS", "FILE|NAME|FILE.py:NAME"),
     ] = ()
-    """Selectors to compare: files of envelopes, neural selectors, policies; names of
-    those that ship, as neural-wall-3; or your own."""
+    """Selectors to compare: files of envelopes and neural selectors; names of those that ship, as
+    neural-wall-3; or your own."""
     lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
     """Leave out the lift, which needs no envelope and is compared with the others unless told
     so."""

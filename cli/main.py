@@ -56,7 +56,6 @@ COMMANDS = MappingProxyType(
         "verify": "verify:Verify",
         "label": "label:LabelPostures",
         "fit": "fit:Fit",
-        "train": "fit:Train",
         "evaluate": "fit:Evaluate",
         "picture": "export:Picture",
         "export": "export:Export",

@@ -138,7 +138,6 @@ NAMES = MappingProxyType(
                 "modes",
                 "neural",
                 "joint",
-                "rl",
             ),
         ),
         "stancekit.learners.selectors.selector:SELECTORS": ("stancekit.selectors", ()),

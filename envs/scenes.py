@@ -154,19 +154,6 @@ class ListedScenes:
         return scene
 
 
-class PooledScenes:
-    """Given scenes, drawn at random, each as likely at every draw."""
-
-    def __init__(self, scenes: Sequence[LabelledScene]) -> None:
-        if not scenes:
-            raise InvalidInput("scenes: expected one or more, got none")
-        self._scenes = tuple(scenes)
-
-    def draw(self, rng: np.random.Generator) -> LabelledScene:
-        """Return a scene."""
-        return self._scenes[int(rng.integers(len(self._scenes)))]
-
-
 MAX_DRAWS = 10_000
 """Problems that a scene may take."""
 MOST_AHEAD = 32

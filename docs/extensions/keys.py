@@ -89,9 +89,6 @@ SECTIONS = (
         ),
     ),
     Section(
-        "Training", "YAML for `stancekit train`.", ("learners.training.reinforce:TrainConfig",)
-    ),
-    Section(
         "Servo buses",
         "`stancekit/servos/1`, YAML for `stancekit run --world dynamixel --setup`.",
         ("runner.worlds.dynamixel.control_table:Calibration",),
@@ -144,7 +141,6 @@ INTERNAL = {
     "learners.surrogates.surrogate:_Header": "metadata of weights",
     "learners.selectors.neural:_Calibration": "metadata of weights",
     "learners.selectors.neural:_Header": "metadata of weights",
-    "learners.selectors.policy:PolicyShape": "metadata of weights",
     "learners.selectors.selector:Card": "cards of selectors that ship, which a benchmark writes",
     "learners.selectors.selector:Figure": "cards of selectors that ship, which a benchmark writes",
     "envs.data.ledger:Counts": "written by the program into shards",

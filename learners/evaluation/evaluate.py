@@ -417,7 +417,6 @@ _FIT: Mapping[str, Callable[[FitSettings, Quota], float]] = {
     "ga": lambda how, rows: 0.3 * _size(how.genetic, population=40, generations=60, terrains=100),
     "neural": lambda how, rows: 3.0 * rows.feasible * _size(how.neural, margin_epochs=4),
     "joint": lambda how, rows: 5.0 * rows.feasible * _size(how.neural, margin_epochs=4),
-    "rl": lambda how, rows: 8.0 * _size(how.rl, steps=40_000),
 }
 """Cost of a fit by our methods, in the same."""
 

@@ -1,5 +1,5 @@
 """Selectors: scene in, envelopes out.
 
 Read ``selector`` (what one is, and its file), ``mixture`` and ``genetic``, then ``network``,
-``neural``, ``feasibility`` and ``policy``.
+``neural`` and ``feasibility``.
 """

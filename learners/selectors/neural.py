@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import torch
@@ -23,7 +23,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
-from stancekit.planners.files.documents import check_fields, validated
+from stancekit.planners.files.documents import check_fields, typed, validated
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, RELAXATIONS
 
@@ -42,6 +42,9 @@ from .network import (
     undisturbed,
     write_tensors,
 )
+
+if TYPE_CHECKING:
+    from ..training.fitting import FitRequest
 
 
 class Margin(torch.autograd.Function):
@@ -470,6 +473,29 @@ def fit_neural(
             "history": history,
         },
     )
+
+
+_JOINT_TARGET = 0.99
+"""Share of the feasible rows that the joint P1 must admit where nothing is said: chosen on
+validation rows."""
+
+
+def neural(request: FitRequest) -> NeuralSelector:
+    """A network from terrain to box."""
+    return fit_neural(
+        request.dataset,
+        typed(NeuralSettings, request.settings.neural, "neural"),
+        request.progress,
+        calibration=request.calibration,
+        checkpoint=request.checkpoint,
+    )
+
+
+def joint(request: FitRequest) -> NeuralSelector:
+    """A network from terrain to box and point, for the P1 that is joined with the lift."""
+    settings = request.settings
+    keys = {"target": _JOINT_TARGET, **settings.neural, "relaxation": "joint"}
+    return neural(replace(request, settings=replace(settings, neural=keys)))
 
 
 def kept_apart(dataset: Dataset, share: float, labels: Sequence[str]) -> tuple[Dataset, Dataset]:

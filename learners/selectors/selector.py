@@ -308,7 +308,6 @@ def load_selector(path: str | Path) -> Learned:
 _WEIGHTS: Mapping[str, str] = MappingProxyType(
     {
         "stancekit/neural/1": "stancekit.learners.selectors.neural:NeuralSelector.load",
-        "stancekit/policy/1": "stancekit.learners.selectors.policy:TrainedPolicy.load",
         "stancekit/leap-scorer/1": "stancekit.learners.leaps.policy:LeapScorer.read",
         "stancekit/surrogate/2": "stancekit.learners.surrogates.surrogate:Surrogate.read",
     }
@@ -330,10 +329,6 @@ def read_weights(path: Path) -> Any:
         found = resolve_name(_WEIGHTS[kind])(path)
     except ImportError as error:
         raise not_installed(str(path), error.name, kind, "rl") from None
-    if kind == "stancekit/policy/1" and not found.shape.selects:
-        raise InvalidInput(
-            f"{path}: expected a policy that chooses envelopes, got one for {found.shape.environment}"
-        )
     return found if isinstance(found, Scores) else Learned.of(found, kind, ANY)
 
 

@@ -1,5 +1,5 @@
-"""Learning by name: every method of ``stancekit fit``, and reinforcement.
+"""Learning by name: every method of ``stancekit fit``.
 
-Read ``loop`` (what every fit goes through, and its checkpoint), ``fitting`` (every method by name),
-then ``reinforce``.
+Read ``loop`` (what every fit goes through, and its checkpoint), then ``fitting`` (every method by
+name).
 """

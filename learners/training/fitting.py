@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +36,6 @@ from ..selectors.mixture import fit_as_printed, fit_improved, modes_of
 from ..selectors.selector import Learned, fitted, heuristic_envelope, quantile_box
 from .loop import StepsDone, run
 
-if TYPE_CHECKING:
-    from .reinforce import TrainConfig
-
-
 KNOBS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "heuristic": (),
@@ -51,15 +47,14 @@ KNOBS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "modes": ("share",),
         "neural": ("neural",),
         "joint": ("neural",),
-        "rl": ("rl",),
         **dict.fromkeys(("surrogate", *KINDS), ()),
     }
 )
 """Settings by the method that they concern; some methods have others of their own."""
 FURTHER: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "calibration": ("neural", "joint", "rl", "surrogate"),
-        "checkpoint": ("ga", "gradient", "neural", "joint", "rl", "surrogate", *KINDS),
+        "calibration": ("neural", "joint", "surrogate"),
+        "checkpoint": ("ga", "gradient", "neural", "joint", "surrogate", *KINDS),
         "workers": ("ga",),
     }
 )
@@ -80,7 +75,6 @@ class FitSettings(Strict):
         batch: rows per step.
         genetic: keys of ``GeneticSettings``.
         neural: keys of ``NeuralSettings``.
-        rl: keys of ``TrainConfig`` but for environment, problem and scenes.
     """
 
     share: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.05
@@ -93,7 +87,6 @@ class FitSettings(Strict):
     seed: NonNegativeInt = 0
     genetic: Mapping[str, Any] = field(default_factory=dict)
     neural: Mapping[str, Any] = field(default_factory=dict)
-    rl: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -139,35 +132,6 @@ class FitSettings(Strict):
             from ..selectors.neural import NeuralSettings
 
             typed(NeuralSettings, self.neural, "neural")
-        elif method == "rl":
-            self.training("wall-3", None, {"feasible": 1, "infeasible": 1, "seed": 0})
-
-    def training(
-        self, problem: str, legs: Sequence[str] | None, count: Mapping[str, int]
-    ) -> TrainConfig:
-        """The reinforcement that these settings describe.
-
-        Raises InvalidInput.
-
-        Arguments:
-            legs: see ``TrainConfig``.
-        """
-        from .reinforce import TrainConfig
-
-        fixed = {
-            "environment": "stancekit/EnvelopeSelection-v0",
-            "problem": problem,
-            "legs": legs,
-            "train": dict(count),
-            "held_out": {**count, "seed": count["seed"] + 1},
-        }
-        for name in fixed:
-            if name in self.rl:
-                raise InvalidInput(
-                    f"rl.{name}: expected no value, since the data set gives it, got "
-                    f"{self.rl[name]!r}"
-                )
-        return typed(TrainConfig, {**self.rl, **fixed}, "rl")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -178,7 +142,7 @@ class FitRequest:
         datasets: rows to learn from; all but "modes" want one, ``dataset``.
         progress: gets steps done and in all, where a method takes its time.
         calibration: rows to calibrate on, never those of a test; a part of the data set where None.
-        checkpoint: file or folder by which a method that takes long goes on where it was stopped.
+        checkpoint: file by which a method that takes long goes on where it was stopped.
         run: executor of a method that spreads its work ("ga"); this process where None.
     """
 
@@ -320,7 +284,7 @@ def _margin_fit(
 
 _BOXES, _NETWORKS = (
     "stancekit.learners.training.fitting",
-    "stancekit.learners.training.reinforce",
+    "stancekit.learners.selectors.neural",
 )
 METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
     "method",
@@ -330,7 +294,6 @@ METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
         "modes": f"{_BOXES}:modes",
         "neural": f"{_NETWORKS}:neural",
         "joint": f"{_NETWORKS}:joint",
-        "rl": f"{_NETWORKS}:reinforcement",
     },
     expected="a function of a FitRequest that returns a selector",
     accepts=lambda it: takes(it, 1),

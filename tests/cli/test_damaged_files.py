@@ -84,7 +84,7 @@ def test_mutated_files_are_taken_for_what_they_are(folder: Path, case: Case) -> 
     assert codes[2] + doubts > 0  # a robot whose mesh is broken is one with a doubt
 
 
-YAML = ("course yaml", "training", "servos", "ros", "fitting")
+YAML = ("course yaml", "servos", "ros", "fitting")
 BOMBS: dict[str, tuple[str, Callable[[], bytes]]] = {
     **{f"aliases in {name}": (name, bombs.aliases) for name in YAML},
     "aliases in a robot's mass": ("robot yaml", partial(bombs.aliases, "mass_kg")),

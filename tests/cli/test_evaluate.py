@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
@@ -15,7 +14,6 @@ from stancekit.cli.run import loop_table, unused
 from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share
 from stancekit.learners.selectors.network import Architecture, BoxNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
-from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.motions import policy_of
 from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course
@@ -200,7 +198,7 @@ def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
     small = Architecture(width=8, layers=1)
     if kind == "envelope":
         write_boxes(path, EXPERT)
-    elif kind == "neural":
+    else:
         NeuralSelector(
             BoxNetwork(small),
             problem_class=problem,
@@ -208,16 +206,9 @@ def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
             force_scale_n=EXPERT.force_scale_n,
             length_scale_m=EXPERT.length_scale_m,
         ).save(path)
-    else:
-        shape = PolicyShape(
-            environment="stancekit/EnvelopeSelection-v0", problem=problem, hidden=(8,)
-        )
-        TrainedPolicy(
-            shape, shape.build(), EXPERT.envelopes[0].to_vector().astype(np.float32)
-        ).save(path)
 
 
-@pytest.mark.parametrize("kind", ["envelope", "neural", "reinforced"])
+@pytest.mark.parametrize("kind", ["envelope", "neural"])
 def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(
     kind: str, tmp_path: Path
 ) -> None:

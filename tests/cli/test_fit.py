@@ -3,11 +3,9 @@ come from.
 """
 
 import json
-from pathlib import Path
 
 import pytest
 
-from stancekit.learners.training.reinforce import TrainConfig
 from stancekit.planners.formats.question_file import read_envelopes
 from tests.refusals import assert_names
 
@@ -145,46 +143,3 @@ def test_the_fitness_of_ga_is_kept(stancekit, labelled, write):
     assert ran.code == 0
     notes = ran.records[0]["provenance"]["notes"]
     assert len(notes["mean"]) == len(notes["variance"]) == len(notes["best"]) == 3
-
-
-CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("train-*.yaml"))
-
-SMALL = """
-environment: stancekit/EnvelopeSelection-v0
-problem: wall-3
-steps: 16
-envs: 2
-evaluate_every: 16
-base: heuristic
-train: {feasible: 3, infeasible: 3, seed: 0}
-held_out: {feasible: 2, infeasible: 2, seed: 1}
-ppo: {rollout: 8, batch: 8, epochs: 1, hidden: [8]}
-"""
-
-
-def test_the_projects_own_configs_are_right():
-    assert {path.stem for path in CONFIGS} == {"train-selection", "train-refinement"}
-    for path in CONFIGS:
-        assert TrainConfig.from_yaml(path).problem == "wall-3"
-
-
-def test_a_run_prints_its_curve_and_goes_on(write, stancekit):
-    train = ("train", write("train.yaml", SMALL), "--out", "run")
-    assert [record["steps"] for record in stancekit(*train, "--json").records] == [0, 16]
-    again = stancekit(*train, "--json", "--resume", "--steps", "32")
-    assert [record["steps"] for record in again.records] == [0, 16, 32]
-    Path("run/checkpoint.npz").unlink()  # killed after its labels
-    assert stancekit(*train, "--json", "--resume", "--steps", "32").out == again.out
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (SMALL + "speed: 3\n", "speed: unknown key"),
-        (SMALL.replace("steps: 16", "steps: many"), "steps: "),
-        (SMALL.replace("EnvelopeSelection", "EnvelopeGuessing"), "environment: "),
-        ("steps: [", "expected YAML"),
-    ],
-)
-def test_bad_configs_are_one_line_and_exit_code_two(text, words, write, refusal):
-    assert words in refusal("train", write("train.yaml", text), "--out", "run")

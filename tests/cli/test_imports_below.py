@@ -57,10 +57,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     "export": {TOOL: ("learners.data.export",), LATER: ("planners.formats.motion_file",)},
     "fit": {
         CHOICES: ("planners.projection.project",),
-        TOOL: (
-            "learners.evaluation.evaluate",
-            "learners.training.reinforce",
-        ),
+        TOOL: ("learners.evaluation.evaluate",),
     },
     "gait": {
         CHOICES: ("planners.gait.charts",),
@@ -220,10 +217,7 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "rl": (
         ("torch", "stable_baselines3", "safetensors"),
-        (
-            "train task.yaml",
-            "fit rows --method neural --out nn.safetensors",
-        ),
+        ("fit rows --method neural --out nn.safetensors",),
     ),
     "ray": (("ray",), ("label wall-3 new --executor ray --feasible 1 --infeasible 1",)),
     "data": (
@@ -351,7 +345,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     nominal(plan.problem.robot, port="/dev/null").write(folder / "servos.yaml")
     names = "\n".join(f"  {name}: {{name: {name}}}" for name in joints)
     (folder / "ros.yaml").write_text(f"format: stancekit/ros/1\nrobot: hexapod\njoints:\n{names}\n")
-    (folder / "task.yaml").write_bytes(config_path("train-selection.yaml").read_bytes())
     (folder / "run.mcap").write_bytes(b"\x89MCAP0\r\n")
     (folder / "cloud.pcd").write_text(CLOUD)
     return folder

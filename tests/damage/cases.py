@@ -280,14 +280,6 @@ _ALONE = (
         made=JSON,
     ),
     Case(
-        name="training",
-        arguments=("train", "train.yaml", "--out", "none", "--resume"),
-        file="train.yaml",
-        kind="yaml",
-        made=YAML,
-        codes=ONLY,
-    ),
-    Case(
         name="experiment",
         arguments=("bench", "envelopes", "--config", "bench.yaml", "--out", "full/x"),
         file="bench.yaml",
@@ -311,6 +303,21 @@ _ALONE = (
             "e.json",
         ),
     ),
+    Case(
+        name="neural",
+        arguments=(
+            "evaluate",
+            "data",
+            "--selector",
+            "neural.safetensors",
+            "--no-lift",
+            "--projection",
+            "fix-p",
+        ),
+        file="neural.safetensors",
+        kind="safetensors",
+        made=(m.other_metadata,),
+    ),
 )
 """Readers of one file each."""
 
@@ -318,25 +325,6 @@ _ALONE = (
 def cases() -> list[Case]:
     """All readers."""
     found = list(_ALONE)
-    for kind in ("policy", "neural"):
-        file = f"{kind}.safetensors"
-        found.append(
-            Case(
-                name=kind,
-                arguments=(
-                    "evaluate",
-                    "data",
-                    "--selector",
-                    file,
-                    "--no-lift",
-                    "--projection",
-                    "fix-p",
-                ),
-                file=file,
-                kind="safetensors",
-                made=(m.other_metadata,),
-            )
-        )
     made: dict[str, tuple[m.Bytes, ...]] = {
         "npy": (m.other_header,),
         "npz": NPZ,

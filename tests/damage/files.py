@@ -19,7 +19,6 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.network import Architecture, BoxNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
-from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.planners.formats.motion_file import write_certificate, write_motion
 from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.problem.course_file import read_course, spec_from
@@ -68,8 +67,6 @@ def _postures(folder: Path) -> None:
         folder / "data",
     )
     quota = {"feasible": 2, "infeasible": 2}
-    train = yaml.safe_load(config_path("train-selection.yaml").read_text())
-    (folder / "train.yaml").write_text(yaml.safe_dump(train))
     bench = {
         "problems": ["wall-3"],
         "train": {**quota, "seed": 0},
@@ -176,10 +173,6 @@ def _robots(folder: Path) -> None:
 
 def _selectors(folder: Path) -> None:
     envelopes = expert_envelopes("wall")
-    shape = PolicyShape(environment="stancekit/EnvelopeSelection-v0", problem="wall-3", hidden=(4,))
-    TrainedPolicy(shape, shape.build(), envelopes.envelopes[0].to_vector(), steps=1).save(
-        folder / "policy.safetensors"
-    )
     NeuralSelector(
         BoxNetwork(SMALL),
         problem_class="wall-3",

@@ -30,12 +30,6 @@ SETTINGS = FitSettings(
     time_limit_s=1.0,
     genetic={"population": 4, "generations": 2, "terrains": 4},
     neural={"epochs": 1, "margin_epochs": 1},
-    rl={
-        "steps": 16,
-        "envs": 2,
-        "evaluate_every": 16,
-        "ppo": {"rollout": 8, "batch": 8, "hidden": [8]},
-    },
 )
 
 
@@ -93,12 +87,6 @@ def test_every_method_says_which_settings_made_it(dataset: Dataset) -> None:
             "neural",
             {"neural": {"epoch": 3}},
             "neural.epoch: expected one of architecture, share, epochs, ",
-        ),
-        ("rl", {"rl": {}}, "rl.steps: "),
-        (
-            "rl",
-            {"rl": {"steps": 8, "problem": "wall-5"}},
-            "rl.problem: expected no value, since the data set gives it",
         ),
         ("gmm", {"steps": 0}, "steps: expected greater than 0, got 0"),
         ("quantile", {"share": 0.7}, "share: expected less than 0.5, got 0.7"),
