@@ -1,5 +1,4 @@
-"""The batched environment against a bare planner loop, Gymnasium's own vector environments, and
-itself on two cores.
+"""The batched environment against a bare planner loop and Gymnasium's own vector environments.
 
     python benchmarks/vector.py [--problem wall-3] [--envs 8] [--steps 40] [--rounds 5] [--pool
     FOLDER]
@@ -10,11 +9,10 @@ problem after the other (`benchmarks/environment.py` has what drawing in blocks 
 these problems, which a loop over given scenes would not have to do, is timed apart. All take turns
 in one process; processor times are compared. Then all ways of batching take turns, with the same
 seeds and actions: wall clock, which says little where others compute, too, and processor time, of
-the process that steps and of its children. "two cores": time of one process ÷ what two idle cores
-would take: of ours in two, of which one is the process that steps, what the busier one does; of
-Gymnasium's asynchronous ones, which only wait for each other, what the one that steps does and half
-of what its children do. --pool: a folder of `stancekit label` that all of these draw from; the bare
-loop is left out.
+the process that steps and of its children. "two cores": time of ours ÷ what two idle cores would
+take of Gymnasium's asynchronous ones, which only wait for each other: what the one that steps does
+and half of what its children do. --pool: a folder of `stancekit label` that all of these draw from;
+the bare loop is left out.
 """
 
 from __future__ import annotations
@@ -47,7 +45,7 @@ from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 from stancekit.planners.search.exact import Exact
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
-ONE = "ours, 1 process"
+ONE = "ours"
 CORES = 2
 WARM = 31
 """Steps before anything is timed: scenes are then drawn 32 at a time."""
@@ -181,7 +179,6 @@ def rates(arguments: Arguments) -> dict[str, float]:
         "Gymnasium Sync": {"vectorization_mode": "sync", "vector_kwargs": same},
         "Gymnasium Async": {"vectorization_mode": "async", "vector_kwargs": same},
         ONE: {},
-        "ours, 2 processes": {"workers": 2},
     }
     actions, known = actions_for(arguments.problem, arguments.envs), set[int | None]()
     turns: dict[str, Turns] = {}

@@ -1,4 +1,4 @@
-"""The batched environment lives through what single environments do, in one process or several."""
+"""The batched environment lives through what single environments do."""
 
 import gymnasium
 import numpy as np
@@ -9,7 +9,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.errors import InvalidInput
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 
@@ -85,21 +85,6 @@ def test_a_step_ends_every_episode_and_tells_of_the_old_scene(ours, history):
     np.testing.assert_allclose(rewards, total, rtol=0, atol=1e-15)
 
 
-def test_processes_change_nothing(history):
-    env = EnvelopeSelectionVectorEnv(4, workers=3)
-    for mine, other in zip(history, played(env), strict=True):
-        assert_same(mine, other)
-    processes = [part._process for part in env._parts[1:]]  # the first part is this process's
-    processes[1].terminate()
-    processes[1].join()
-    with pytest.raises(
-        StancekitError, match="a worker process of the environment ended with code -15"
-    ):
-        env.step(np.zeros((4, 36), dtype=np.float32))
-    env.close()
-    assert not any(process.is_alive() for process in processes)
-
-
 def test_reset_without_a_seed_goes_on(ours, history):
     again = ours.reset(seed=7)[0]
     assert_same(again, history[0][0])
@@ -120,7 +105,6 @@ def test_listed_scenes_are_listed_to_every_sub_environment():
     ("arguments", "message"),
     [
         ({"num_envs": 0}, "num_envs: expected 1 or more, got 0"),
-        ({"num_envs": 2, "workers": 3}, "workers: expected 1 to 2, got 3"),
         ({"num_envs": 2, "render_mode": "human"}, "render_mode: expected one of"),
         ({"num_envs": 2, "problem": "ceiling-3"}, "distribution: expected one of"),
     ],
