@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import out
-from .options import OptionalInt, OptionalText, check_unused, place
+from .options import OptionalInt, OptionalText, check_unused
 from .solve import Between
 
 if TYPE_CHECKING:
@@ -21,22 +21,14 @@ if TYPE_CHECKING:
 
 @dataclass
 class Play:
-    """Play with a course, a walk or a leap on a page: drag goal and walls, slide friction and mass,
-    and see the plan.
+    """Play with a course on a page: drag goal and walls, slide friction and mass, and see the plan.
 
     COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), FAMILY:LEVEL:SEED, a
-    YAML or JSON file, a leap (leap-stones:3 or a file), or with --start and --goal a terrain's
-    file, as for `stancekit plan`.
+    YAML or JSON file, or with --start and --goal a terrain's file, as for `stancekit plan`.
 
       stancekit play walls
       stancekit play my-course.yaml --robot hexapod,go1.urdf
       stancekit play rubble.stl --start 0,0 --goal 2,0.5
-      stancekit play ripple
-      stancekit play leap-stones:3
-
-    A terrain of `stancekit gait` (ripple, cone, rough:0.3:7, …) is one to walk over: start and goal
-    are dragged, and the walk is planned beside the page, in seconds to minutes, which says how far
-    it is. --walk takes a file of heights or a name that courses have, too, for one.
 
     The page shows at once a plan whose contacts hold: forces in their cones, torques, what every
     limit has in hand, or the sentence that says why there is none and by how much a limit is
@@ -46,13 +38,11 @@ class Play:
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
-    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, the proof of a course, a leap, a
-    terrain's file, or a terrain to walk over."""
-    walk: bool = False
-    """Walk over it, as `stancekit gait`."""
+    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, the proof of a course, or a terrain's
+    file."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME[,FILE|NAME…]")] = None
     """Robots of the page's menu with commas between them, built-in names or .urdf or .yaml files
-    (extra robots); it begins with the first one, and walks with anymal where none is named."""
+    (extra robots); it begins with the first one."""
     frames: OptionalInt = None
     """Number of key frames to begin with, where not the course's own."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(
@@ -76,10 +66,7 @@ class Play:
         check_unused(self.between, ("map",), "play")
         check_port(self.host, self.port)
         robots = tuple(filter(None, (self.robot or "").split(",")))
-        first = robots[0] if robots else None
-        walks = self.walk or self._is_walk()
-        check_unused(self, ("frames",) if walks else (), "a walk")
-        scenario = self._walk(first or "anymal") if walks else self._scenario(first)
+        scenario = self._scenario(robots[0] if robots else None)
         with served(
             scenario, robots=robots, folder=self.folder, host=self.host, port=self.port
         ) as page:
@@ -89,54 +76,16 @@ class Play:
             page.wait()
         return 0
 
-    def _is_walk(self) -> bool:
-        """Tell whether the terrain is a named one of heights, to walk over."""
-        from stancekit.planners.terrain.families import drawn_name, drawn_surface, read_draw
-        from stancekit.planners.terrain.reference import TERRAINS
-
-        if not drawn_name(self.course):
-            return self.course in TERRAINS.names()
-        return (
-            not Path(self.course).exists()
-            and drawn_surface(*read_draw(self.course, "course")) is None
-        )
-
-    def _walk(self, robot: str) -> Scenario:
-        """Scenario that a page of walks begins with.
-
-        Raises InvalidInput.
-        """
-        from stancekit import Walk
-        from stancekit.views.playground.scenario import Scenario
-
-        start, goal = (
-            usual if asked is None else place(asked, f"--{key}").tolist()
-            for key, asked, usual in (
-                ("start", self.between.start, (0.0, 0.0)),
-                ("goal", self.between.goal, (1.0, 0.5)),
-            )
-        )
-        walk = Walk.over(self.between.file.read(self.course), goal, start=start, robot=robot)
-        friction = self.between.friction
-        asked = walk if friction is None else replace(walk, friction=friction)
-        return Scenario.about(asked, robot)
-
     def _scenario(self, robot: str | None) -> Scenario:
         """Scenario that the page begins with.
 
         Raises InvalidInput.
         """
         from stancekit import Problem, load, robot as robot_of
-        from stancekit.planners.formats.question_file import read_leap
         from stancekit.planners.problem.course_between import LaidBetween
-        from stancekit.planners.problem.leap import is_leap_file
         from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.scenario import Scenario
 
-        if is_leap_file(self.course):
-            check_unused(self, ("frames",), "a leap")
-            check_unused(self.between, ("start", "goal", "friction"), "a leap")
-            return Scenario.about(read_leap(self.course, robot))
         suffix = Path(self.course).suffix.lower()
         if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:
             start, goal = (tuple(each.tolist()) for each in self.between.places())

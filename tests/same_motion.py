@@ -108,7 +108,7 @@ def _drawn(view: PlanView | GaitView, film: Animation, targets: list[Target]) ->
     for moment, target in zip(film.moments, targets, strict=False):
         now = sample_of(target)
         drawn = (
-            view.drawn(now)
+            Scene(bodies=view.bodies(now))
             if isinstance(view, GaitView)
             else view.at(now, cone_m=0.3 * view.shape.size_m)
         )

@@ -128,7 +128,6 @@ class GaitView(View):
         warp: the map whose lines are drawn on the terrain, None for x and y.
         joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they were
             measured: the samples are then shown as they are.
-        moves_as: its motion, where that is not to be what ``run`` streams.
         report: the verifier's word on it, which is shown.
         caption: title, in place of the usual one.
         note: words where there is no report.
@@ -137,7 +136,6 @@ class GaitView(View):
     trajectory: Trajectory
     warp: Warp | None = None
     joints_rad: Array | None = None
-    moves_as: Played | None = None
     report: Report[Trajectory] | None = field(default=None, kw_only=True)
     caption: str = field(default="", kw_only=True)
     note: str = field(default="not verified", kw_only=True)
@@ -280,11 +278,6 @@ class GaitView(View):
         return Scene(paths=[*ways, path])
 
     @property
-    def duration_s(self) -> float:
-        """Time from the beginning to the end of the walk [s]."""
-        return self.trajectory.duration_s
-
-    @property
     def ways_m(self) -> list[Array]:
         """Guide paths of a walk in pieces, shape (L, 3) each [m]: those that were left for another,
         and the last.
@@ -320,7 +313,7 @@ class GaitView(View):
     @cached_property
     def motion(self) -> Played:
         """Played that ``run`` streams, at rest before and after the walk."""
-        return self.moves_as or streamed(self.trajectory)
+        return streamed(self.trajectory)
 
     def limbs_of(self, sample: int) -> list[Array]:
         """Poses of the limbs at a sample, as of ``limbs``."""
@@ -379,20 +372,9 @@ class GaitView(View):
             scene = self.at(sample)
         else:
             sample = int(np.searchsorted(times_s, time_s + 1e-9, side="right")) - 1
-            scene = self.drawn(self.now(time_s))
+            now = self.motion.at(WALK_SETTLE_S + time_s)
+            scene = Scene(bodies=self.bodies(now), arrows=self.forces(now))
         return scene + Scene(bodies=[disc for k, disc in self.footholds if k <= sample])
-
-    def seen(self, at: float) -> tuple[Samples, Scene, str]:
-        """A moment so long after the walk began, what is drawn of it, and words for it."""
-        return self.now(at), self.moment(at), f"{at:.2f} s of {self.trajectory.duration_s:g} s"
-
-    def drawn(self, now: Samples) -> Scene:
-        """The robot and its contact forces at one time."""
-        return Scene(bodies=self.bodies(now), arrows=self.forces(now))
-
-    def now(self, time_s: float) -> Samples:
-        """The motion so long after the walk began."""
-        return self.motion.at(WALK_SETTLE_S + time_s)
 
     def scene(self) -> Scene:
         """The picture: the robot at a few moments, the earlier the paler, and every foothold."""

@@ -213,11 +213,6 @@ class LeapView(View):
         outlines = [outline(patch, leg_colour(limb)) for limb, patch in self.chosen]
         return Scene(paths=[*outlines, way], bodies=[mark])
 
-    def seen(self, at: float) -> tuple[Samples, Scene, str]:
-        """A moment, what is drawn of it, and words for it."""
-        now = self.motion.at(at)
-        return now, self.at(now), f"{at:.2f} s of {self.motion.duration_s:.2f} s"
-
     def at(self, now: Samples) -> Scene:
         """The robot at a time, and the forces of feet that stand in cones of their friction."""
         bodies = self.bodies(now)

@@ -126,20 +126,6 @@ class View(ABC):
     def camera(self) -> Camera:
         """Where it is seen from."""
 
-    @property
-    @abstractmethod
-    def way(self) -> Scene:
-        """The way of the motion over its terrain."""
-
-    @property
-    def duration_s(self) -> float:
-        """Time from the beginning to the end of what is shown [s]."""
-        return self.motion.duration_s
-
-    @abstractmethod
-    def seen(self, at: float) -> tuple[Samples, Scene, str]:
-        """A moment, by key frame or time [s], what is drawn of it, and words for it."""
-
     def near_rad(self, now: Samples) -> Array | None:
         """Angles that unknown joints are sought near, shape (J,) [rad]; None for anywhere."""
         return None
@@ -614,19 +600,16 @@ def aside(box: Array, com: Array, faced: Sequence[Patch], size_m: float) -> Came
     return best_view(box.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[18.0, 25.0])
 
 
-Unplanned = Problem | Leap | Passage
-"""A course, a leap, or two places on a ground, that have no plan."""
+Unplanned = Problem | Passage
+"""A course, or two places on a ground, that have no plan."""
 
 
 def way_of(question: Unplanned) -> Array:
     """Places of the centre of mass from start to goal, shape (K, 3) [m]; above the nearest corner of
     the ground where only x and y are asked for.
     """
-    match question:
-        case Problem():
-            return np.vstack([question.com_nominal_m, question.goal_m])
-        case Leap():
-            return np.array([question.start.com_m, question.goal.com_m])
+    if isinstance(question, Problem):
+        return np.vstack([question.com_nominal_m, question.goal_m])
     corners = np.concatenate([patch.vertices_m for patch in question.footholds])
     places, up = (
         np.array([question.start_m, question.goal_m]),
@@ -636,7 +619,7 @@ def way_of(question: Unplanned) -> Array:
     return np.column_stack([places, corners[away.argmin(axis=1), 2] + up])
 
 
-def offered(question: Unplanned) -> Sequence[Patch]:
+def offered(question: Unplanned | Leap) -> Sequence[Patch]:
     """Surfaces that are shown: the terrain, or every patch that toes are offered, once."""
     if not isinstance(question, Leap) and question.terrain:
         return question.terrain

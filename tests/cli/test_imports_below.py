@@ -95,15 +95,9 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "play": {
-        CHOICES: (
-            "planners.terrain.families",
-            "planners.terrain.import_options",
-            "planners.terrain.reference",
-        ),
+        CHOICES: ("planners.terrain.import_options",),
         TOOL: (
-            "planners.formats.question_file",
             "planners.problem.course_between",
-            "planners.problem.leap",
             "views.playground.scenario",
             "views.playground.serving",
         ),

@@ -72,28 +72,13 @@ def test_a_port_that_is_taken_is_one_line(stancekit):
             "--start: expected --start X,Y and --goal X,Y together, got one of them",
         ),
         (("walls", "--robot", "nosuch.urdf"), "nosuch.urdf: "),
-        (("ripple", "--goal", "90,0"), "goal: expected torso and feet over the terrain"),
-        (("ripple", "--robot", "horse"), "robot: expected "),
+        (("leap-stones:3",), "family: expected one of "),
     ],
 )
 def test_what_it_cannot_begin_with_is_one_line(arguments, message, refusal):
     assert message in refusal(
         "play", *arguments, "--no-browser", *(() if "--port" in arguments else ("--port", "0"))
     )
-
-
-@pytest.mark.parametrize(
-    ("name", "walks"),
-    [
-        ("walls", False),
-        ("ripple", True),
-        ("rough:0.3:7", True),
-        ("stones:0.3:1", False),
-        ("waves:0.2:1", True),
-    ],
-)
-def test_terrains_to_walk_over_are_known_by_their_names(name, walks):
-    assert Play(course=name)._is_walk() is walks
 
 
 def test_courses_are_scenes_of_their_kind(tmp_path: Path):

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import logging
 import multiprocessing
-import os
 import signal
 import threading
 import time
@@ -17,21 +16,11 @@ from multiprocessing.connection import wait
 from typing import Any
 
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.motion import Motion
-from stancekit.planners.answer.plan import LeapPlan
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.report import Report
-from stancekit.planners.answer.trajectory import Trajectory
-from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
-from stancekit.planners.gait.method.attempt import Attempt
-from stancekit.planners.gait.method.portfolio import Caps
-from stancekit.planners.gait.method.way import plan_walk
-from stancekit.planners.gait.settings import GaitSettings
-from stancekit.planners.leap.finder import LeapFinder, find_leap
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_between import LaidBetween
-from stancekit.planners.problem.leap import Leap
-from stancekit.planners.problem.walk import Walk
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import explain
@@ -39,8 +28,6 @@ from stancekit.planners.verify.explain import Relaxation
 
 from .scenario import Scenario
 
-Question = Problem | Leap | Walk
-"""What is asked, as it is laid out."""
 _SHARES = (0.8, 1.0)
 """Shares of the friction, that a plan is looked for with while the scene is changed."""
 _QUICK_S, _QUICK_NODES, _QUICK_STEPS = 0.15, 20, 6
@@ -56,20 +43,19 @@ class SceneAnswer:
 
     Arguments:
         course: what is asked for; None where it makes no sense.
-        plan: accepted by the verifier as far as its contacts go; a leap, or a walk.
-        status: None where the question makes no sense, or a walk is still planned; undecided where
-            no way was found for a course.
-        message: why there is no plan, or what is wrong with it, or how far the planning of a walk
-            is; empty where nothing is.
+        plan: accepted by the verifier as far as its contacts go.
+        status: None where the question makes no sense; undecided where no way was found for a
+            course.
+        message: why there is no plan, or what is wrong with it; empty where nothing is.
         lack: what would have to change, where that is proved.
         report: on all of the plan, once it was judged.
         patient: whether all was looked at.
-        seconds: CPU time of the layout and of the search; of a walk the time that it took.
+        seconds: CPU time of the layout and of the search.
     """
 
-    course: Question | None = None
+    course: Problem | None = None
     status: Status | None = None
-    plan: Motion[Any] | None = None
+    plan: Plan | None = None
     message: str = ""
     lack: Relaxation | None = None
     report: Report[Any] | None = None
@@ -83,15 +69,9 @@ class SceneAnswer:
         return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
 
 
-_Told = Callable[[SceneAnswer], None]
-_ITERATIONS, _TOTAL_S, _TOLD_S = 80, 120.0, 0.15
-"""Most iterations of a solve, CPU time of all solves of a walk [s], and how often is told how far
-it is [s]."""
-
-
 def quick_answer(scenario: Scenario) -> SceneAnswer:
     """A fast answer for the display, which looks at contacts alone; undecided if it would take
-    longer; of a leap all but joints and bodies. Of a walk, whether there is one to plan. Raises nothing.
+    longer. Raises nothing.
     """
     planner = TwoStage(
         time_limit_s=_QUICK_S,
@@ -100,29 +80,20 @@ def quick_answer(scenario: Scenario) -> SceneAnswer:
         steps=_QUICK_STEPS,
     )
 
-    def search(asked: Question | None) -> Answer[Any] | None:
-        if isinstance(asked, Walk):
-            return None
-        if isinstance(asked, Leap):
-            return find_leap(asked, time_limit_s=_QUICK_S)
+    def search() -> Answer[Any]:
         return plan_course(scenario.question, planner, shares=_SHARES, presses=(), limits=None)
 
     return _answered(scenario, search, patient=False)
 
 
-def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAnswer:
+def patient_answer(scenario: Scenario) -> SceneAnswer:
     """The answer of ``stancekit plan``: with a reserve of friction, joints, torques, bodies, and
     where no plan over the layout that is asked for is accepted, one over another; between places
-    that no balanced motion of a robot that does not leap joins, infeasible. Of a walk that of
-    ``stancekit gait``; until then ``tell`` gets how far its planning is. Raises nothing.
+    that no balanced motion of a robot that does not leap joins, infeasible. Raises nothing.
     """
 
-    def search(asked: Question | None) -> Answer[Any]:
-        if isinstance(asked, Walk):
-            return _walked(asked, tell)
+    def search() -> Answer[Any]:
         deadline = time.perf_counter() + _PATIENT_S
-        if isinstance(asked, Leap):
-            return _leapt(asked, deadline)
         planner = TwoStage(time_limit_s=_PATIENT_S)
         return plan_course(scenario.question, planner, layouts=scenario.layouts, deadline=deadline)
 
@@ -137,66 +108,26 @@ def patient_answer(scenario: Scenario, tell: _Told = lambda _: None) -> SceneAns
     return replace(answer, status=Status.INFEASIBLE, plan=None, report=None)
 
 
-def _leapt(leap: Leap, deadline: float) -> Answer[LeapPlan]:
-    """The answer of ``stancekit plan`` to a leap."""
-    method = LeapFinder()
-    answer = find_leap(leap, method, time_limit_s=_PATIENT_S)
-    if answer.solution is None or not leap.robot.own:
-        return answer
-    from stancekit.planners.leap.bend import judged_answer  # reads robots, and is slow to import
-
-    return judged_answer(answer, programs_of_this_thread(), share=method.share, deadline=deadline)
-
-
-def _walked(task: Walk, tell: _Told) -> Answer[Trajectory]:
-    """The answer of ``stancekit gait``."""
-    last = 0.0
-
-    def progress(
-        attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
-    ) -> bool:
-        nonlocal last
-        if time.monotonic() - last > _TOLD_S:
-            last = time.monotonic()
-            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
-            tell(SceneAnswer(course=task, message=words))
-        return os.getppid() == 1
-
-    settings = GaitSettings(max_iterations=_ITERATIONS)
-    caps = Caps(iterations=_ITERATIONS, total_s=_TOTAL_S)
-    return plan_walk(task, settings, progress, caps=caps).answer
-
-
 def _answered(
-    scenario: Scenario,
-    search: Callable[[Question | None], Answer[Any] | None],
-    *,
-    patient: bool,
+    scenario: Scenario, search: Callable[[], Answer[Any]], *, patient: bool
 ) -> SceneAnswer:
-    """The answer that a search gives, with the time that it took.
-
-    Arguments:
-        search: of a question, None where its layout has no place but another one may; it gives None
-            where there is nothing to say yet.
+    """The answer that a search gives, with the time that it took; a patient one looks for other
+    layouts where the one that is asked for has no place.
     """
-    clock = time.monotonic if scenario.kind == "walk" else time.process_time
-    begin, asked = clock(), None
+    begin, asked = time.process_time(), None
     nowhere = (NoPlace, PlanningFailed) if scenario.kind == "between" else ()
     try:
         with suppress(*(nowhere if patient else ())):
             asked = scenario.course()
-        laid = clock()
-        outcome = search(asked)
+        laid = time.process_time()
+        outcome = search()
     except StancekitError as error:
         return SceneAnswer(
-            course=asked if isinstance(asked, Walk) else None,
             status=Status.UNDECIDED if isinstance(error, nowhere) else None,
             message=str(error),
             patient=patient,
-            seconds=(clock() - begin, 0.0),
+            seconds=(time.process_time() - begin, 0.0),
         )
-    if outcome is None:
-        return SceneAnswer(course=asked)
     message, plan, lack = outcome.message, outcome.solution, None
     if outcome.certificate is not None and outcome.problem is not None:
         explanation = explain(outcome.certificate)
@@ -209,7 +140,7 @@ def _answered(
     if layout := of_plan.get("layout"):
         message = f"laid out differently, since no plan was accepted as asked: {layout}"
     return SceneAnswer(
-        course=outcome.problem if isinstance(outcome.problem, Problem | Leap) else asked,
+        course=outcome.problem if isinstance(outcome.problem, Problem) else asked,
         status=outcome.status,
         plan=plan,
         message=message,
@@ -217,7 +148,7 @@ def _answered(
         report=outcome.report,
         patient=patient,
         share=float(of_plan.get("friction_share", 1.0)),
-        seconds=(laid - begin, clock() - laid),
+        seconds=(laid - begin, time.process_time() - laid),
     )
 
 
@@ -253,8 +184,7 @@ class Judge:
             return SceneAnswer(
                 message="the process that judges plans has ended; any change starts it anew"
             )
-        if answer.patient:
-            self.number = None
+        self.number = None
         return answer
 
     def end(self) -> None:
@@ -270,11 +200,11 @@ def _serve(pipe: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with suppress(EOFError, OSError):
         while True:
-            pipe.send(patient_answer(pipe.recv(), pipe.send))
+            pipe.send(patient_answer(pipe.recv()))
 
 
-_REST_S, _WALK_REST_S = 0.35, 0.6
-"""A scene, or a walk, that was not changed for so long is judged."""
+_REST_S = 0.35
+"""A scene that was not changed for so long is judged."""
 log = logging.getLogger(__name__)
 
 
@@ -290,11 +220,9 @@ class Session:
         on_answer: Callable[[int, Scenario, SceneAnswer, float], None],
         *,
         judges: bool = True,
-        rest_s: float | None = None,
+        rest_s: float = _REST_S,
     ) -> None:
-        self._walks = isinstance(scenario, Scenario) and scenario.kind == "walk"
-        self._on_answer = on_answer
-        self._rest_s = (_WALK_REST_S if self._walks else _REST_S) if rest_s is None else rest_s
+        self._on_answer, self._rest_s = on_answer, rest_s
         self._lock, (self._news, self._bell) = threading.Lock(), multiprocessing.Pipe(duplex=False)
         self.scenario, self.number, self._since = scenario, 0, time.perf_counter()
         self._answered, self._judged = -1, -1
@@ -340,8 +268,6 @@ class Session:
             with self._lock:
                 number, scenario, since = self.number, self.scenario, self._since
             if number != self._answered:
-                if judge is not None and self._walks:
-                    judge.end()  # what it plans nobody wants any more
                 self._say(number, scenario, quick_answer(scenario), since)
                 self._answered = number
             elif judge is not None and spoken:

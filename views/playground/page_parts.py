@@ -21,7 +21,6 @@ from stancekit.planners.answer.report import acceptance_word
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.motion import Samples
-from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.verify import Report
@@ -142,10 +141,9 @@ def next_picture(stop: threading.Event) -> bool:
 
 
 class Player:
-    """In the tab that is open on ``gui``, one second, or key frame, of it a second.
+    """In the tab that is open on ``gui``, one key frame a second.
 
     Arguments:
-        unit: what the slider counts.
         on_time: called, with ``lock`` held, when another time is to be shown; it returns whether
             there is anything to show, and where there is nothing the time stays. at: the time that
             is shown; last: where it ends.
@@ -155,7 +153,6 @@ class Player:
     def __init__(
         self,
         gui: Any,
-        unit: str,
         on_time: Callable[[], bool],
         lock: AbstractContextManager[Any],
         pause: Callable[[threading.Event], bool] = next_picture,
@@ -165,7 +162,7 @@ class Player:
         self.at, self.last = 0.0, 0.0
         self._button = gui.add_button("play")
         self._button.on_click(self._clicked)
-        self._slider = gui.add_slider(unit, min=0.0, max=1.0, step=0.02, initial_value=0.0)
+        self._slider = gui.add_slider("key frame", min=0.0, max=1.0, step=0.02, initial_value=0.0)
         self._slider.on_update(self._slid)
 
     def show(self, at: float, last: float) -> None:
@@ -236,7 +233,7 @@ class Files:
         gui: Any,
         folder: Path,
         saves: Mapping[str, tuple[Callable[[str], Path], str]],
-        show: Callable[[Any, str], None] | None = None,
+        show: Callable[[Any, str], None],
     ) -> None:
         with gui.add_folder("Files"):
             self._name = gui.add_text(
@@ -245,9 +242,8 @@ class Files:
             for what, (save, command) in saves.items():
                 button = gui.add_button(f"save {what}", hint=f"Into {folder.resolve()}.")
                 button.on_click(partial(self._save, save, command))
-            if show is not None:
-                show_button = gui.add_button("show course", hint="The course's file, to copy.")
-                show_button.on_click(lambda event: show(event.client, str(self._name.value)))
+            show_button = gui.add_button("show course", hint="The course's file, to copy.")
+            show_button.on_click(lambda event: show(event.client, str(self._name.value)))
             self._said = gui.add_html("")
 
     def _save(self, save: Callable[[str], Path], command: str, _event: Any) -> None:
@@ -404,8 +400,7 @@ def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
     title, text = html.escape(title), html.escape(text)
     took = f"drawn after {drawn_ms:.0f} ms"
     if answer.patient:
-        unit = "s" if isinstance(answer.course, Walk) else "CPU-s"
-        took = f"judged in {sum(answer.seconds):.1f} {unit}"
+        took = f"judged in {sum(answer.seconds):.1f} CPU-s"
     return (
         f'<div id="verdict" data-change="{number}" data-patient="{int(answer.patient)}" style="border-left:5px solid '
         f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
@@ -423,11 +418,8 @@ def _words(answer: SceneAnswer) -> tuple[str, str, str]:
         return BAD, "No plan, and that is proved" if answer.patient else "No plan", answer.message
     if answer.accepted:
         assert answer.report is not None
-        word = acceptance_word(answer.report.unchecked)
-        text = (answer.message or answer.report.message).removeprefix(word).lstrip(":; ")
-        if answer.plan is not None and answer.plan.keyed:
-            text = " ".join(filter(None, (_accepted(answer.report), answer.message)))
-        return GOOD, word.partition(":")[0].capitalize(), text
+        word = acceptance_word(answer.report.unchecked).partition(":")[0].capitalize()
+        return GOOD, word, " ".join(filter(None, (_accepted(answer.report), answer.message)))
     if answer.plan is not None and not answer.patient:
         return (
             UNSURE,
@@ -436,10 +428,6 @@ def _words(answer: SceneAnswer) -> tuple[str, str, str]:
         )
     if answer.plan is not None:
         return BAD, "Not accepted", answer.message
-    if isinstance(answer.course, Walk) and not answer.patient:
-        rests = "The walk is planned once nothing is changed."
-        title = "Being planned" if answer.message else "To be planned"
-        return UNSURE, title, answer.message or rests
     more = "" if answer.patient else "; the search goes on when nothing is changed"
     return UNSURE, "Undecided", f"{answer.message}{more}"
 
@@ -504,44 +492,22 @@ def explained(limbs: list[str]) -> str:
     return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
 
 
-def summary(answer: SceneAnswer, view: View | None) -> str:
-    """The plan or the walk in a few numbers, as HTML; empty without one.
+def summary(answer: SceneAnswer, view: PlanView | None) -> str:
+    """The plan in a few numbers, as HTML, empty without one: its reserves, the figures of the strips
+    below its picture, what it was planned with, and where it ends.
 
     Arguments:
         view: of the plan.
     """
-    plan = answer.plan
-    if plan is None:
+    if view is None:
         return ""
-    robot = plan.robot
-    rows = [
-        (
-            "robot",
-            f"{robot.name}, {robot.mass_kg:.3g} kg ({robot.mass_kg * plan.gravity_m_s2:.1f} N)",
-        )
-    ]
-    if isinstance(view, PlanView):
-        rows += _of_plan(view, answer)
-        return key_values(rows)
-    walked = plan.has("times_s")
-    path_m, times_s = (plan.torso_m, plan.times_s) if walked else (plan.com_m, plan.ends_s)
-    length_m = float(np.linalg.norm(np.diff(path_m, axis=0), axis=1).sum())
-    rows.append(("way", f"{length_m:.2f} m in {times_s[-1] - times_s[0]:.4g} s"))
-    if walked:
-        rows.append(("chart", str(plan.provenance.get("chart", "–"))))
-    return key_values(rows)
-
-
-def _of_plan(view: PlanView, answer: SceneAnswer) -> list[tuple[str, str]]:
-    """The reserves of a plan, the figures of the strips below its picture; what it was planned with,
-    and where it ends.
-    """
-    plan, course = view.plan, view.plan.problem
+    plan, course, robot = view.plan, view.plan.problem, view.robot
     to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
     strips = {"friction in hand": cone_strip(plan, view.keys)}
     if answer.report is not None:
         strips["torque in hand"] = torque_strip(plan)
-    rows = [
+    weight = f"{robot.mass_kg:.3g} kg ({robot.mass_kg * plan.gravity_m_s2:.1f} N)"
+    reserves = [
         (
             name,
             f"{100 - used.values[used.worst]:.0f} % at least, at frame {used.at[used.worst]:.3g}",
@@ -549,9 +515,9 @@ def _of_plan(view: PlanView, answer: SceneAnswer) -> list[tuple[str, str]]:
         for name, used in strips.items()
         if np.isfinite(used.values).any()
     ]
-    rows.append(("planned with", f"{100 * answer.share:.0f} % of the friction"))
-    rows.append(("ends", f"{to_goal_mm:.0f} mm from the goal, after {course.frames} key frames"))
-    return rows
+    ends = f"{to_goal_mm:.0f} mm from the goal, after {course.frames} key frames"
+    planned = ("planned with", f"{100 * answer.share:.0f} % of the friction")
+    return key_values([("robot", f"{robot.name}, {weight}"), *reserves, planned, ("ends", ends)])
 
 
 def key_values(rows: list[tuple[str, str]]) -> str:

@@ -14,33 +14,22 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.answer.motion import Motion
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.formats.motion_file import write_motion
-from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.leap import Leap
-from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Robot
 
-from ..gaits import CELLS, GRID, GRID_M, GaitView
-from ..leaps import LeapView
 from ..page import Stage
-from ..plans import PlanView, View, asked, ghosts, offered, solver_of, way_of
+from ..plans import PlanView, asked, ghosts, offered, solver_of
 from ..robots import RobotShape, climber
-from ..scene import DrawnBody, Path as Line, Scene, Sphere
-from ..sheet import GOAL, INK, friction_colours
-from ..terrain import (
-    block,
-    grid_on_ground,
-    on_ground,
-    pieces_within,
-    surfaces,
-)
-from .answers import Question, SceneAnswer, Session, quick_answer
+from ..scene import Scene
+from ..sheet import INK, friction_colours
+from ..terrain import pieces_within, surfaces
+from .answers import SceneAnswer, Session, quick_answer
 from .page_parts import (
     BRAND,
     Controls,
@@ -84,46 +73,23 @@ class Pictures:
         key = (robot.name, robot.identity, tuple((each.name, each.reach_m) for each in robot.limbs))
         return self._kept("shape", key, lambda: climber(robot))  # type: ignore[no-any-return]
 
-    def view(self, plan: Motion[Any]) -> View:
+    def view(self, plan: Plan) -> PlanView:
         """What was planned as something to look at."""
-        if plan.keyed:
-            return PlanView(plan, drawn_as=self.shape(plan.robot))
-        walked = plan.has("times_s")
-        return GaitView(plan, moves_as=feet_motion(plan)) if walked else LeapView(plan)
+        return PlanView(plan, drawn_as=self.shape(plan.robot))
 
     def camera(self, scenario: Scenario, answer: SceneAnswer) -> tuple[Array, float, Array]:
         """The first view of a scene: where it looks, from how far [m], and in what direction."""
         course = scenario.course()
-        if isinstance(course, Walk):
-            ends = np.array([grip.position_m for grip in scenario.grips(course)])
-            way_m = float(np.linalg.norm(course.goal - course.start))
-            away_m = 2.2 * (way_m + 3.0 * course.robot.stand_height_m)
-            return ends.mean(axis=0), away_m, from_behind(np.array([-0.45, -0.75, 0.5]), *ends)
-        path = course.com_nominal_m if isinstance(course, Problem) else way_of(course)
+        path = course.com_nominal_m
         reach = max(limb.reach_m for limb in course.robot.limbs)
         away_m = 2.0 * (float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach)
         towards = np.array([-0.75, -0.45, 0.35])
         if answer.plan is not None:
             towards = self.view(answer.plan).camera.axes[2]
-        return path.mean(axis=0), away_m, from_behind(towards, path[0], way_of(course)[-1])
+        return path.mean(axis=0), away_m, from_behind(towards, path[0], course.goal_m)
 
-    def shown(
-        self, before: SceneAnswer, answer: SceneAnswer, view: View | None, at: float
-    ) -> tuple[float, float]:
-        """Key frame that is shown with another answer, and the last one; an end is followed. A walk
-        or a leap is shown from its beginning.
-        """
-        course, earlier = answer.course, before.course
-        if not isinstance(course, Problem):
-            return 0.0, 0.0 if view is None else view.duration_s
-        last = float(course.frames - 1)
-        stays = isinstance(earlier, Problem) and at < earlier.frames - 1.001
-        return at if stays else last, last
-
-    def ground(self, course: Question) -> Scene:
-        """The surfaces about the path, in the tints of their friction; all of a field of heights."""
-        if isinstance(course, Walk):
-            return self._kept("heights", id(course.terrain), lambda: _heights(course))  # type: ignore[no-any-return]
+    def ground(self, course: Problem) -> Scene:
+        """The surfaces about the path, in the tints of their friction."""
         box, terrain = bounds_m(course), offered(course)
         places = (
             box.tobytes(),
@@ -137,35 +103,26 @@ class Pictures:
             lambda: surfaces(terrain, pieces, friction_colours(frictions)),
         )
 
-    def asked(self, scenario: Scenario, answer: SceneAnswer) -> Scene:
-        """Without a plan: where the body was asked to go, and what is lacking; of a walk a straight
-        line on the ground to the goal.
-        """
-        if isinstance(scenario.given, Walk):
-            return _to_goal(scenario, scenario.given)
+    def asked(self, answer: SceneAnswer) -> Scene:
+        """Without a plan: where the body was asked to go, and what is lacking."""
         course = answer.course
-        if course is None or isinstance(course, Walk):
-            return Scene()
-        return asked(course, self.shape(course.robot), answer.lack)
+        return Scene() if course is None else asked(course, self.shape(course.robot), answer.lack)
 
-    def found(self, view: View) -> Scene:
-        """The way of a motion; of a plan also the tracks of its toes, and its robot at some key
-        frames in thin lines.
+    def found(self, view: PlanView) -> Scene:
+        """The way of a plan, the tracks of its toes, and its robot at some key frames in thin
+        lines.
         """
-        scene = _between(view.way)
-        if isinstance(view, PlanView):
-            scene += view.tracks
-            for k in ghosts(view.plan, view.plan.problem.frames - 1):
-                scene += Scene(paths=view.ghost(view.key(k)).paths)
+        scene = _between(view.way) + view.tracks
+        for k in ghosts(view.plan, view.plan.problem.frames - 1):
+            scene += Scene(paths=view.ghost(view.key(k)).paths)
         return scene
 
-    def moment(self, view: View, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
+    def moment(self, view: PlanView, at: float) -> tuple[Scene, Scene, list[LimbLoad], str]:
         """The robot and its forces at a time, what they are called, in N, what its limbs give, and
         what moment that is.
         """
         now, scene, title = view.seen(at)
-        solver = self._legs(view.plan.problem) if isinstance(view, PlanView) else None
-        limbs = loads(view, now, solver, view.near_rad(now))
+        limbs = loads(view, now, self._legs(view.plan.problem), view.near_rad(now))
         return scene, Scene(labels=view.force_labels(now)), limbs, title
 
     def _legs(self, course: Problem) -> Kinematics | None:
@@ -184,56 +141,42 @@ def _between(scene: Scene) -> Scene:
     return replace(scene, bodies=bodies, paths=paths)
 
 
-def bounds_m(course: Problem | Leap) -> Array:
+def shown(before: SceneAnswer, course: Problem, at: float) -> tuple[float, float]:
+    """Key frame of a course that is shown with another answer, and the last one; an end is
+    followed.
+    """
+    last, earlier = float(course.frames - 1), before.course
+    stays = earlier is not None and at < earlier.frames - 1.001
+    return at if stays else last, last
+
+
+def bounds_m(course: Problem) -> Array:
     """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs
     reach, in steps.
     """
     reach = max(
         limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs
     )
-    around, com = max(_AROUND_M, 1.2 * reach), way_of(course)
+    around = max(_AROUND_M, 1.2 * reach)
+    com = np.vstack([course.com_nominal_m, course.goal_m])
     low, high = com.min(axis=0) - around, com.max(axis=0) + around
     return _STEP_M * np.array([np.floor(low / _STEP_M), np.ceil(high / _STEP_M)])
 
 
-def _heights(walk: Walk) -> Scene:
-    """All of a walk's terrain, with lines of constant x and y, ``GRID_M`` apart."""
-    field, size_m = walk.terrain, walk.robot.stand_height_m
-    low, high = np.array(field.domain_m).T
-    sheets = block(field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m)
-    lines = grid_on_ground(field, low, high, GRID_M, 8 * CELLS)
-    grid = Line(pieces_m=lines, colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
-    return Scene(sheets=sheets, paths=[grid])
-
-
-def _to_goal(scenario: Scenario, walk: Walk) -> Scene:
-    """A straight line on the ground from start to goal, and the goal."""
-    start, goal = (grip.position_m for grip in scenario.grips(None))
-    laid = on_ground(np.linspace(start, goal, 81), walk.terrain, *np.array(walk.terrain.domain_m).T)
-    ball = DrawnBody(
-        name="goal",
-        shape=Sphere(0.06 * walk.robot.stand_height_m),
-        position_m=goal,
-        colour=GOAL,
-    )
-    way = Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)
-    return Scene(paths=[way], bodies=[ball])
-
-
-def save_plan(answer: SceneAnswer, folder: Path, name: str, kind: str = "plan") -> Path:
-    """Write the plan, or the walk, of an answer; where it is.
+def save_plan(answer: SceneAnswer, folder: Path, name: str) -> Path:
+    """Write the plan of an answer; where it is.
 
     Raises InvalidInput where there is none that was accepted.
     """
     if answer.plan is None:
-        raise InvalidInput(f"{kind}: expected one, got none to save")
+        raise InvalidInput("plan: expected one, got none to save")
     if answer.report is None:
         raise InvalidInput(
-            f"{kind}: expected one that was judged, got one whose joints and bodies are not yet"
+            "plan: expected one that was judged, got one whose joints and bodies are not yet"
         )
     if not answer.accepted:
-        raise InvalidInput(f"{kind}: expected one that is accepted, got {answer.message}")
-    path = named_in(folder, name, f"-{kind}.json")
+        raise InvalidInput(f"plan: expected one that is accepted, got {answer.message}")
+    path = named_in(folder, name, "-plan.json")
     write_motion(path, answer.plan, answer.report)
     return path
 
@@ -241,7 +184,7 @@ def save_plan(answer: SceneAnswer, folder: Path, name: str, kind: str = "plan") 
 def save_course(scenario: Scenario, folder: Path, name: str) -> Path:
     """Write the course that is asked for; where it is.
 
-    Raises InvalidInput.
+    Raises InvalidInput for a name with a folder.
     """
     suffix, text = scenario.text()
     path = named_in(folder, name, f"-course{suffix}")
@@ -251,10 +194,7 @@ def save_course(scenario: Scenario, folder: Path, name: str) -> Path:
 
 def _show_course(scenario: Scenario, client: Any, name: str) -> None:
     """Show the course's text in a tab, and offer it as a download."""
-    try:
-        suffix, text = scenario.text()
-    except StancekitError as error:
-        suffix, text = "", str(error)
+    suffix, text = scenario.text()
     modal = client.gui.add_modal(f"{name}-course{suffix}")
     with modal:
         client.gui.add_html(
@@ -262,7 +202,7 @@ def _show_course(scenario: Scenario, client: Any, name: str) -> None:
             f'max-height:60vh;overflow:auto;user-select:text">{html.escape(text)}</pre>'
         )
         client.gui.add_button("close").on_click(lambda _: modal.close())
-    client.send_file_download(f"{name}-course{suffix or '.txt'}", text.encode())
+    client.send_file_download(f"{name}-course{suffix}", text.encode())
 
 
 class Playground:
@@ -283,7 +223,7 @@ class Playground:
         course, gui = scenario.course(), server.gui
         self._server, self._folder, self._lock = server, folder, threading.RLock()
         self._look, self._answer = Pictures(), quick_answer(scenario)
-        self._view: View | None = None
+        self._view: PlanView | None = None
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
         server.scene.configure_default_lights(cast_shadow=False)
         middle, away_m, towards = self._look.camera(scenario, self._answer)
@@ -302,18 +242,27 @@ class Playground:
             self._robot = names[0]
             self._menu = gui.add_dropdown("robot", names, initial_value=self._robot)
             self._menu.on_update(self._robot_chosen)
-        self._lay_out(gui, course)
+        self._files = Files(
+            gui,
+            folder,
+            {
+                "plan": (lambda name: save_plan(self._answer, folder, name), "stancekit verify"),
+                "course": (
+                    lambda name: save_course(self.session.scenario, folder, name),
+                    "stancekit plan",
+                ),
+            },
+            lambda client, name: _show_course(self.session.scenario, client, name),
+        )
         panel = gui.add_panel()
-        with panel.add_tab("Walk" if isinstance(course, Walk) else "Plan"):
+        with panel.add_tab("Plan"):
             self._verdict, self._summary = gui.add_html(""), gui.add_html("")
-            unit = "key frame" if isinstance(course, Problem) else "time [s]"
-            self._player = Player(gui, unit, self._move, self._lock)
+            self._player = Player(gui, self._move, self._lock)
             self._limbs = gui.add_html("")
         panel.dock_right()
         panel.set_width(380)
         server.on_client_disconnect(lambda _: self._controls.let_go())
-        first = SceneAnswer(course=course)
-        self._player.show(*self._look.shown(SceneAnswer(), first, None, 0.0))
+        self._player.show(*shown(SceneAnswer(), course, 0.0))
         self.session = Session(scenario, self._draw)
         self._controls.update(scenario.sliders(), scenario.grips(course))
         self.session.start()
@@ -326,26 +275,6 @@ class Playground:
         """End what works behind the page."""
         self._player.stop()
         self.session.close()
-
-    def _lay_out(self, gui: Any, course: Question) -> None:
-        """Add the files."""
-        kind, reader = ("walk" if isinstance(course, Walk) else "plan"), "stancekit verify"
-        saves: dict[str, tuple[Callable[[str], Path], str]] = {
-            kind: (lambda name: save_plan(self._answer, self._folder, name, kind), reader)
-        }
-        if isinstance(course, Walk):
-            Files(gui, self._folder, saves)
-            return
-        saves["course"] = (
-            lambda name: save_course(self.session.scenario, self._folder, name),
-            "stancekit plan",
-        )
-        self._files = Files(
-            gui,
-            self._folder,
-            saves,
-            show=lambda client, name: _show_course(self.session.scenario, client, name),
-        )
 
     # -----------------------------------------------------------------------------------------------
     # what changes
@@ -382,13 +311,12 @@ class Playground:
             self._view = None if answer.plan is None else look.view(answer.plan)
             with self._server.atomic():
                 if course is not None:
-                    self._player.show(*look.shown(before, answer, self._view, self._player.at))
+                    self._player.show(*shown(before, course, self._player.at))
                     self._stage.show(look.ground(course), "/ground")
-                if course is not None or isinstance(scenario.given, Walk):
                     self._controls.update(scenario.sliders(), scenario.grips(course))
                 self._player.offer(self._view is not None)
                 if self._view is None:
-                    self._stage.show(look.asked(scenario, answer), "/way")
+                    self._stage.show(look.asked(answer), "/way")
                     self._stage.show(Scene(), "/names")
                     self._stage.pose(Scene())
                     self._limbs.content = ""

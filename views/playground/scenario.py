@@ -26,15 +26,13 @@ from stancekit.planners.problem.course_between import LaidBetween, course_betwee
 from stancekit.planners.problem.course_file import described, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.problem.leap import Leap
-from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.reach_sets import Sets, standing_toes
 from stancekit.planners.robot.robot_file import named_robot, robot_of
 from stancekit.planners.search.plan_course import LayOut
 from stancekit.planners.terrain.patch import Patch
 
-from ..plans import offered, way_of
+from ..plans import offered
 
 _DEGREES = 180.0 / math.pi
 
@@ -123,19 +121,12 @@ _FRAMES = Slider(
     step=1,
     whole=True,
 )
-_DURATION = Slider(
-    key="duration_s", label="duration", path=("duration_s",), unit="s", low=1.0, high=60.0, step=0.1
-)
 _COURSE = (_FRICTION, _MASS, _FRAMES)
 _WALLS = (
     *_COURSE,
     _of_terrain("apart_m", "walls: from the middle to each", "m", 0.15, 0.80, 0.005, 0.38),
     _of_terrain("lean_rad.0", "left wall leans in by", "°", -40.0, 40.0, 0.5, (0.0, 0.0)),
     _of_terrain("lean_rad.1", "right wall leans in by", "°", -40.0, 40.0, 0.5, (0.0, 0.0)),
-)
-_AS_LAID = (
-    replace(_FRICTION, label="friction of all surfaces, times", unit="", high=2.0),
-    _MASS,
 )
 SLIDERS: Mapping[str, tuple[Slider, ...]] = MappingProxyType(
     {
@@ -160,16 +151,14 @@ SLIDERS: Mapping[str, tuple[Slider, ...]] = MappingProxyType(
             _of_terrain("level", "difficulty of the family", "", 0.0, 1.0, 0.01, 0.5),
         ),
         "between": (_FRICTION, replace(_FRAMES, high=_MOST_LAID)),
-        "laid": _AS_LAID,
-        "leap": _AS_LAID,
-        "walk": (replace(_FRICTION, label="friction of the terrain", low=0.05), _DURATION),
+        "laid": (
+            replace(_FRICTION, label="friction of all surfaces, times", unit="", high=2.0),
+            _MASS,
+        ),
     }
 )
 """What may be slid, by the kind of the question, of a course by that of its terrain."""
 _SIDES = ("left wall", "right wall")
-_PACE_M_S = 0.25
-"""A walk takes as long as this speed asks for, until its duration is slid."""
-_SHORTEST_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,21 +168,20 @@ class Scenario:
     Arguments:
         keys: what has handles: of a course all the keys of its file; of another question name,
             robot, ``start_m``, ``goal_m``, the terrain's friction (of a course that is laid out
-            already, times what it has), and ``frames`` or ``duration_s``, by the way's length where
-            None.
-        given: the question whose fields they take the place of: a way between two places, a course
-            that is laid out, a leap, a walk; None of a course in the keys of its file.
+            already, times what it has), and ``frames``, by the way's length where None.
+        given: the question whose fields they take the place of: a way between two places, or a
+            course that is laid out; None of a course in the keys of its file.
         folder: where its relative paths begin.
         stride_m: of key frames that follow the goal, None once they were slid [m].
         own_kg: mass of the robot as it is.
     """
 
     keys: Mapping[str, Any]
-    given: LaidBetween | Problem | Leap | Walk | None = None
+    given: LaidBetween | Problem | None = None
     folder: Path = Path()
     stride_m: float | None = None
     own_kg: float = 10.0
-    _laid: dict[str, Problem | Leap] = field(default_factory=dict, repr=False)
+    _laid: dict[str, Problem] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, course: str, robot: str | None = None, frames: int | None = None) -> Scenario:
@@ -219,26 +207,20 @@ class Scenario:
         return made if robot is None else made.with_robot(robot)
 
     @classmethod
-    def about(cls, given: LaidBetween | Problem | Leap | Walk, robot: str = "") -> Scenario:
-        """The scene of a way between two places, of a course that is laid out, a posture as one of
-        one frame, of a leap, or of a walk.
+    def about(cls, given: LaidBetween | Problem, robot: str = "") -> Scenario:
+        """The scene of a way between two places, or of a course that is laid out, a posture as one
+        of one frame.
 
         Arguments:
             robot: name or file of its robot, where it may become another one.
         """
         keys: dict[str, Any] = {"robot": robot, "terrain": {"friction": 1.0}}
-        match given:
-            case LaidBetween():
-                keys["terrain"] = {"friction": given.terrain.friction}
-                keys |= {"name": Path(given.terrain.file).stem, "frames": given.frames}
-                keys |= {"start_m": given.start_m, "goal_m": given.goal_m}
-            case Problem() | Leap():
-                keys |= {"name": given.name, "goal_m": way_of(given)[-1]}
-                return cls(keys=keys, given=given, own_kg=given.robot.mass_kg)
-            case Walk():
-                keys["terrain"] = {"friction": given.friction}
-                keys |= {"name": given.terrain.name or "a terrain", "duration_s": None}
-                keys |= {"start_m": given.start, "goal_m": given.goal}
+        if isinstance(given, Problem):
+            keys |= {"name": given.name, "goal_m": given.goal_m}
+            return cls(keys=keys, given=given, own_kg=given.robot.mass_kg)
+        keys["terrain"] = {"friction": given.terrain.friction}
+        keys |= {"name": Path(given.terrain.file).stem, "frames": given.frames}
+        keys |= {"start_m": given.start_m, "goal_m": given.goal_m}
         return cls(keys=keys, given=given)
 
     @property
@@ -259,21 +241,12 @@ class Scenario:
         """Kind of the question, of a course in the keys of its file that of its terrain."""
         if self.given is None:
             return str(self.keys["terrain"]["kind"])
-        kinds = {LaidBetween: "between", Problem: "laid", Leap: "leap", Walk: "walk"}
-        return kinds[type(self.given)]
+        return "laid" if isinstance(self.given, Problem) else "between"
 
     @property
     def layouts(self) -> tuple[Alternative, ...]:
         """The ways in which it can be laid out, the first of which is the one that is asked for."""
         return (AS_ASKED,) if isinstance(self.given, Problem) else ALTERNATIVES
-
-    @property
-    def takes_s(self) -> float:
-        """Duration of a walk [s]."""
-        if self.keys["duration_s"] is not None:
-            return float(self.keys["duration_s"])
-        way = float(np.linalg.norm(np.subtract(self.keys["goal_m"], self.keys["start_m"])))
-        return round(float(np.clip(way / _PACE_M_S, _SHORTEST_S, 60.0)), 1)
 
     # -----------------------------------------------------------------------------------------------
     # its handles
@@ -281,7 +254,7 @@ class Scenario:
     def sliders(self) -> tuple[Slider, ...]:
         """What may be slid, with the numbers that there are now."""
         rows, given = SLIDERS.get(self.kind, _COURSE), self.given
-        if isinstance(given, Problem | Leap):
+        if isinstance(given, Problem):
             most = max(patch.friction for patch in offered(given))
             friction, *mass = rows
             hint = f"Of what the file says: {most:.3g} at most."
@@ -296,9 +269,7 @@ class Scenario:
                 default, high = self.own_kg, 4.0 * self.own_kg
             case "frames":
                 laid = self._laid.get(_AS_ASKED)
-                default = laid.frames if isinstance(laid, Problem) else 2
-            case "duration_s":
-                default = self.takes_s
+                default = 2 if laid is None else laid.frames
         value = slider.scale * float(_at(self.keys, slider.path, default))
         return replace(slider, value=value, low=min(slider.low, value), high=max(high, value))
 
@@ -312,27 +283,23 @@ class Scenario:
             keys["terrain"]["polygons"] = polygons
         return self._with(keys, stride_m=None if key == "frames" else self.stride_m)
 
-    def grips(self, asked: Any) -> tuple[Grip, ...]:
+    def grips(self, asked: Problem) -> tuple[Grip, ...]:
         """Start and goal, as far as nothing is laid out about them, and both walls.
 
         Arguments:
-            asked: what ``course`` gave; of a walk its ends are where they are without it.
+            asked: what ``course`` gave.
         """
         kind, result = self.kind, list[Grip]()
-        if isinstance(self.given, Walk):
-            ends = {key: self.torso_m(self.keys[f"{key}_m"]) for key in ("start", "goal")}
-        else:
-            way = way_of(asked)
-            ends = {"start": way[0], "goal": way[-1]}
+        ends = {"start": asked.com_nominal_m[0], "goal": asked.goal_m}
         if SLIDERS.get(kind) is _WALLS:
             middle, terrain = asked.com_nominal_m.mean(axis=0), self.keys["terrain"]
             for side, name in enumerate(_SIDES):
                 away = _at(terrain, ("apart_m",), 0.38) + _at(terrain, ("offset_m", side), 0.0)
                 at = np.array([middle[0], (1.0, -1.0)[side] * away, ends["start"][2]])
                 result.append(Grip(key=name, label=name, position_m=at, axes=(False, True, False)))
-        if result or kind in ("laid", "leap"):
+        if result or kind == "laid":
             del ends["start"]
-        axes = (True, True, kind not in ("between", "walk"))
+        axes = (True, True, kind != "between")
         result += [Grip(key=key, label=key, position_m=at, axes=axes) for key, at in ends.items()]
         return tuple(result)
 
@@ -346,7 +313,7 @@ class Scenario:
             away = (1.0, -1.0)[side] * place[1] - _at(self.keys["terrain"], ("apart_m",), 0.38)
             path = ("terrain", "offset_m", side)
             return self._with(_put(self.keys, path, round(away, 4), (0.0, 0.0)))
-        keys = {**self.keys, f"{key}_m": place[:2] if self.kind in ("between", "walk") else place}
+        keys = {**self.keys, f"{key}_m": place[:2] if self.kind == "between" else place}
         if self.stride_m is not None:
             keys["frames"] = _frames_along(keys, self.stride_m)
         return self._with(keys)
@@ -357,16 +324,12 @@ class Scenario:
         Raises InvalidInput, also where footholds are those of one robot.
         """
         keys = {**self.keys, "robot": _whole_path(robot)}
-        match self.given:
-            case Problem() | Leap():
-                raise InvalidInput(
-                    f"robot: expected the robot of a course whose footholds are fixed, got {robot}"
-                )
-            case Walk(terrain=terrain, start=start, goal=goal):
-                given = Walk.over(terrain, goal, robot=robot, start=start)
-                return self._with(keys, given=given)
-            case LaidBetween():
-                return self._with(keys, given=replace(self.given, robot=robot_of(robot)))
+        if isinstance(self.given, Problem):
+            raise InvalidInput(
+                f"robot: expected the robot of a course whose footholds are fixed, got {robot}"
+            )
+        if self.given is not None:
+            return self._with(keys, given=replace(self.given, robot=robot_of(robot)))
         keys, own = with_robot(self.keys, self.folder, robot)
         return self._with(keys, own_kg=own)
 
@@ -376,27 +339,21 @@ class Scenario:
     # -----------------------------------------------------------------------------------------------
     # what is asked
 
-    def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Any:
+    def course(self, sets: Sets = "inner", alternative: Alternative = AS_ASKED) -> Problem:
         """The question that is asked, or one that is laid out in another way, once in each.
 
         Raises InvalidInput or PlanningFailed in one line.
         """
-        keys, given = self.keys, self.given
-        if isinstance(given, Walk):
-            start, goal = np.array(keys["start_m"]), np.array(keys["goal_m"])
-            friction = keys["terrain"]["friction"]
-            return replace(
-                given, start=start, goal=goal, duration_s=self.takes_s, friction=friction
-            )
         way = f"{sets} {alternative.message}"
         if way not in self._laid:
-            course: Problem | Leap
-            if isinstance(given, LaidBetween):
-                course = self.between(sets, alternative)
-            elif given is not None:
-                course = self._changed(given)
-            else:
-                course = build_course(spec_from(keys), self.folder, sets, alternative=alternative)
+            match self.given:
+                case LaidBetween():
+                    course = self.between(sets, alternative)
+                case Problem():
+                    course = self._changed(self.given)
+                case None:
+                    spec = spec_from(self.keys)
+                    course = build_course(spec, self.folder, sets, alternative=alternative)
             self._laid[way] = course
         return self._laid[way]
 
@@ -418,10 +375,8 @@ class Scenario:
             frames=keys["frames"],
         )
 
-    def _changed(self, given: Problem | Leap) -> Problem | Leap:
-        """A question that is laid out, with the goal, the friction and the mass that are asked
-        for.
-        """
+    def _changed(self, given: Problem) -> Problem:
+        """A course that is laid out, with the goal, the friction and the mass that are asked for."""
         by, goal_m = self.keys["terrain"]["friction"], np.array(self.keys["goal_m"])
         robot = given.robot
         if "mass_kg" in self.keys:
@@ -433,44 +388,24 @@ class Scenario:
         footholds = tuple(
             replace(each, candidates=rubbed(each.candidates)) for each in given.footholds
         )
-        if isinstance(given, Leap):
-            goal = replace(given.goal, com_m=goal_m)
-            return replace(given, robot=robot, footholds=footholds, goal=goal)
         terrain = rubbed(given.terrain)
         return replace(given, goal_m=goal_m, robot=robot, terrain=terrain, footholds=footholds)
 
-    def torso_m(self, place: Sequence[float]) -> Array:
-        """Place of a walker's torso over a point, as the robot stands, shape (3,) [m]."""
-        assert isinstance(self.given, Walk)
-        inside = np.clip(place, *np.array(self.given.terrain.domain_m).T)
-        up = float(self.given.terrain.height(inside)) + self.given.robot.stand_height_m
-        return np.array([*place, up])
-
     def text(self) -> tuple[str, str]:
-        """The course's file: how its name ends, and its text.
-
-        Raises InvalidInput for a scene that is no course.
-        """
+        """The course's file: how its name ends, and its text."""
         keys = self.keys
-        match self.given:
-            case Walk():
-                raise InvalidInput(f"course: expected one to save, got a walk over {self.name}")
-            case Problem() | Leap():
-                return ".json", json.dumps(self.course().to_json(), indent=1) + "\n"
-            case LaidBetween():
-                asked = self.between
-                spec = course_between(
-                    asked.terrain,
-                    asked.start_m,
-                    asked.goal_m,
-                    robot=self.robot,
-                    frames=asked.frames,
-                )
-                keys = spec.model_dump(mode="json", exclude_defaults=True)
-                keys["terrain"]["kind"] = asked.terrain.kind
-                for key in ("start_m", "goal_m"):  # to a tenth of a millimetre
-                    keys[key] = np.round(keys[key], 4).tolist()
-                keys["via_m"] = [np.round(each, 4).tolist() for each in keys.get("via_m", [])]
+        if isinstance(self.given, Problem):
+            return ".json", json.dumps(self.course().to_json(), indent=1) + "\n"
+        if self.given is not None:
+            asked = self.between
+            spec = course_between(
+                asked.terrain, asked.start_m, asked.goal_m, robot=self.robot, frames=asked.frames
+            )
+            keys = spec.model_dump(mode="json", exclude_defaults=True)
+            keys["terrain"]["kind"] = asked.terrain.kind
+            for key in ("start_m", "goal_m"):  # to a tenth of a millimetre
+                keys[key] = np.round(keys[key], 4).tolist()
+            keys["via_m"] = [np.round(each, 4).tolist() for each in keys.get("via_m", [])]
         return ".yaml", yaml_of(_plain(keys))
 
 

@@ -10,21 +10,13 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.formats.motion_file import read_motion
-from stancekit.planners.formats.question_file import read_leap
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
-from stancekit.planners.problem.leap_classes import leap_from_keys
-from stancekit.planners.problem.walk import Walk
-from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.explain import Relaxation, _change
-from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.views.playground.answers import Session, patient_answer, quick_answer
+from stancekit.views.playground.answers import quick_answer
 from stancekit.views.playground.page_parts import Player, explained, from_behind
 from stancekit.views.playground.scenario import Scenario
-from stancekit.views.playground.serving import served
-from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
-from tests.emulators.playground import middle_of, pixel_of
+from tests.emulators.chromium import PATIENCE_S
 from tests.refusals import assert_names, refuses
 
 
@@ -44,7 +36,7 @@ class Gui:
         self.button = Handle(label=label)
         return self.button
 
-    def add_slider(self, _unit, *, max, initial_value, **_more):
+    def add_slider(self, _name, *, max, initial_value, **_more):
         self.slider = Handle(max=max, value=initial_value)
         return self.slider
 
@@ -69,7 +61,7 @@ def played():
         due.release()
         return moved.acquire(timeout=PATIENCE_S)
 
-    player = Player(gui, "s", on_time, threading.RLock(), pause)
+    player = Player(gui, on_time, threading.RLock(), pause)
     yield gui, player, seen, tick
     due.release()  # its thread ends
 
@@ -99,106 +91,6 @@ def test_it_plays_from_the_beginning_to_the_end_and_again_until_it_is_stopped(pl
     assert seen[:3] == pytest.approx([0.0, 1 / 15, 2 / 15])
     assert seen[8:10] == pytest.approx([0.5, 0.0])
     assert len(seen) == 11
-
-
-VERDICT = "document.querySelector('#verdict')"
-
-
-@pytest.fixture(scope="module")
-def scenario() -> Scenario:
-    """A short walk over a swell."""
-    field = HeightField.from_function(lambda x, y: 0.03 * np.sin(2.0 * x), 2.0, 0.1, name="swell")
-    return Scenario.about(Walk.over(field, (0.5, 0.1), robot="anymal"), "anymal")
-
-
-def test_a_walk_takes_its_time_until_that_is_slid(scenario):
-    assert scenario.takes_s == 2.0
-    far = scenario.dragged("goal", np.array([1.5, 0.0, 9.0]))
-    assert far.takes_s == 6.0
-    assert far.slid("duration_s", 8.0).takes_s == 8.0
-    assert far.slid("friction", 0.3).course().friction == 0.3
-    start, goal = far.grips(None)
-    assert goal.position_m == pytest.approx(
-        [1.5, 0.0, 0.03 * np.sin(3.0) + far.given.robot.stand_height_m], abs=1e-3
-    )
-    assert start.axes == (True, True, False)
-    with refuses("goal"):
-        scenario.dragged("goal", np.array([30.0, 0.0, 0.0])).course()
-
-
-@pytest.fixture
-def planning(scenario):
-    """A session that plans a walk, what it says, and whether there is an end of it."""
-    said, begun, done = [], threading.Event(), threading.Event()
-
-    def on_answer(number, _scenario, answer, _since):
-        said.append((number, answer))
-        if "iteration" in answer.message:
-            begun.set()
-        if answer.patient or "process" in answer.message:
-            done.set()
-
-    session = Session(scenario, on_answer, rest_s=0.0)
-    session.start()
-    assert begun.wait(PATIENCE_S)
-    yield session, said, done
-    session.close()
-
-
-def test_only_the_last_walk_that_is_asked_for_is_answered(planning):
-    session, said, done = planning
-    session.change(lambda scenario: scenario.dragged("goal", np.array([0.45, 0.1, 0.0])))
-    assert done.wait(PATIENCE_S)
-    assert {number for number, answer in said if answer.patient} == {1}
-    found = said[-1][1]
-    assert found.accepted
-    assert check_trajectory(found.plan).accepted
-    assert found.plan.torso_m[-1, :2] == pytest.approx([0.45, 0.1], abs=1e-3)
-    assert not [answer for _, answer in said if "process" in answer.message]
-
-
-def test_a_planning_that_is_killed_is_told(planning):
-    session, said, done = planning
-    session._judge._process.kill()  # not all that there are: another test's workers may live here
-    assert done.wait(PATIENCE_S)
-    assert {number for number, _ in said} == {0}
-    assert not said[-1][1].accepted
-    assert_names(said[-1][1].message, "process")
-
-
-@pytest.mark.skipif(
-    CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)"
-)
-def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
-    with (
-        served(scenario, folder=tmp_path) as page,
-        opened(page.address, tmp_path / "profile", (1000, 640), draws=False) as tab,
-    ):
-        tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
-        tab.wait_for("document.querySelector('#limbs') !== null")
-        assert "Accepted" in tab.text()
-        goal = page.playground.session.scenario.grips(None)[1].position_m
-        east = np.array([1.0, 0.0, 0.0])
-        tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
-        tab.wait_for(f"{VERDICT}.dataset.change > 0")
-        session = page.playground.session
-        tab.until(lambda: session._judged == session.number and page.playground._answer.patient)
-        tab.wait_for(
-            f"{VERDICT}.dataset.change === '{page.playground.session.number}' && {VERDICT}.dataset.patient === '1'"
-        )
-        assert page.playground.session.scenario.course().goal == pytest.approx(
-            (0.56, 0.1), abs=0.02
-        )
-        tab.click(
-            *middle_of(
-                tab,
-                "[...document.querySelectorAll('button')].find(b => b.innerText === 'save walk')",
-            )
-        )
-        tab.wait_for("document.querySelector('#saved') !== null")
-    trajectory = read_motion(tmp_path / "played-walk.json")[0]
-    assert check_trajectory(trajectory).accepted
-    assert trajectory.problem.goal == pytest.approx(page.playground.session.scenario.course().goal)
 
 
 def test_limbs_are_explained_by_their_letters_and_other_names_are_not_guessed():
@@ -325,17 +217,3 @@ def test_another_robot_stands_as_it_does(tmp_path):
         scenario.with_robot(str(tmp_path / "robot.yaml"))
     again = replace(scenario, keys={**scenario.keys, "robot": "hexapod"}).with_robot("hexapod")
     assert course_difference(again.course(), scenario.course()) == ""
-
-
-def test_a_leap_is_dragged_and_judged(tmp_path):
-    leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
-    scenario, goal = Scenario.about(leap), leap.goal.com_m + np.array([0.02, 0.0, 0.0])
-    assert [grip.key for grip in scenario.grips(leap)] == ["goal"]
-    (tmp_path / "again.json").write_text(scenario.text()[1], encoding="utf-8")
-    assert read_leap(tmp_path / "again.json", None).to_json() == leap.to_json()
-    answer = patient_answer(scenario.dragged("goal", goal).slid("friction", 1.5))
-    assert answer.accepted
-    assert np.linalg.norm(answer.plan.com_m[-1] - goal) <= leap.goal_radius_m + 1e-6
-    frictions = [each.footholds[0].candidates[0].friction for each in (leap, answer.plan.problem)]
-    assert frictions[1] == pytest.approx(1.5 * frictions[0])
-    assert not quick_answer(scenario.slid("friction", 0.0)).accepted
