@@ -90,16 +90,16 @@ def run(
     log: str | Path | None = None,
     progress: Progress | None = None,
 ) -> RunReport | LoopReport:
-    """Run a plan, a walk or a policy on a world: a simulator, a log, servos on a bus, a robot
-    behind a rosbridge.
+    """Run a plan, a walk or a policy on a world: a simulator, servos on a bus, a robot behind a
+    rosbridge.
 
     Arguments:
         motion: a plan of key frames, a walk, a leap, a crossing, or the file of one; with
             ``policy`` also a course, by name or file.
-        world: "mujoco", "bullet", "replay", "dynamixel", "ros", "FILE.py:NAME", or a world that was
-            made before.
-        setup: the file that a world is made from: the log of replay, the calibration of dynamixel,
-            the set-up of ros, the ground of mujoco and bullet.
+        world: "mujoco", "bullet", "dynamixel", "ros", "FILE.py:NAME", or a world that was made
+            before.
+        setup: the file that a world is made from: the calibration of dynamixel, the set-up of ros,
+            the ground of mujoco and bullet.
         settings: how it is run.
         arm: None moves nothing real, and says what would have been sent. "heard" arms where the
             e-stop was heard or it is published, "try" once it was pressed and released,
@@ -185,10 +185,6 @@ def check_run(
             settings.blind and (led or not simulated),
             "blind: expected a plan or a gait in a simulated world with it, got "
             f"{'a policy' if led else name}",
-        ),
-        (
-            led and kind == "recording",
-            f"policy: expected a world that answers to what is done, got {name}",
         ),
         (
             _is_timed(asked) and settings.timing != Timing(),

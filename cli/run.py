@@ -83,8 +83,7 @@ def _run_table(report: RunReport) -> Table:
             f"{report.load:.1f} processes for each processor: a run that comes too late may stop "
             "for that"
         )
-    replayed, found = report.replay_rad, report.friction
-    log = "" if replayed is None else f"its commands differ by {replayed:.2g} rad at most"
+    found = report.friction
     return facts(
         [
             *_begun(word, report.message, report.ended),
@@ -94,7 +93,6 @@ def _run_table(report: RunReport) -> Table:
             ),
             (report.counted, f"{report.frames_done:.1f} of {round(report.frames - 1, 1):g}"),
             ("commands", f"{sent}, {report.clipped} clipped, {report.refused} refused"),
-            ("log", log),
             ("joints", joints),
             ("needs", "" if report.needs is None else report.needs.line),
             ("measured", "" if report.loads is None else report.loads.line),
@@ -218,7 +216,7 @@ def _stop_sources(
 
 @dataclass
 class RunMotion:
-    """Run a plan, or a policy, on a world: a simulator, a log, servos on a bus, or a robot behind a
+    """Run a plan, or a policy, on a world: a simulator, servos on a bus, or a robot behind a
     rosbridge.
 
     Only a plan that the verifier accepted is run, unchanged since, on the robot that it was made
@@ -247,11 +245,10 @@ class RunMotion:
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
     """Plan file, gait file or leap file; with --policy also a course, by name or file."""
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
-    """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class
-    in a file."""
+    """Where to run it: bullet, mujoco, dynamixel, ros, one of another package, or a class in a
+    file."""
     setup: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the
-    set-up file. bullet, mujoco: ground that yields."""
+    """What the world is made from. dynamixel: the calibration file. ros: the set-up file. bullet, mujoco: ground that yields."""
     policy: Annotated[OptionalText, tyro.conf.arg(metavar="lift|FILE|NAME")] = None
     """Who plans on the way: any trained selector, a file or one that ships, or the lift, which
     needs none."""
@@ -470,11 +467,7 @@ class RunMotion:
             raise InvalidInput(
                 f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}"
             )
-        simulated, replayed, led = (
-            kind.kind == "simulation",
-            kind.kind == "recording",
-            self.policy is not None,
-        )
+        simulated, led = kind.kind == "simulation", self.policy is not None
         soft = self.contact_stiffness_n_m is not None or self.contact_damping_ns_m is not None
         expected = f"expected a plan or a gait in a simulated world with it, got {'--policy' if led else self.world}"
         without = "expected --policy with it, got none"
@@ -487,10 +480,6 @@ class RunMotion:
             (
                 self.try_estop and self.without_estop,
                 "--try-estop: expected it without --without-estop, got both",
-            ),
-            (
-                self.actuators is not None and replayed,
-                f"--actuators: expected none with world {self.world}: the log has its own",
             ),
             (
                 soft and not simulated,
@@ -680,8 +669,7 @@ class Replay:
     """Read the log of a run: which plan, what was decided, how well it was followed, and how it
     ended.
 
-    A log whose writer was killed is read up to its last message. `stancekit run PLAN --world replay
-    --setup LOG` runs the plan again against what was measured then, and compares the commands.
+    A log whose writer was killed is read up to its last message.
 
     Exit code 0 where the run ended well, 1 where it did not or the log breaks off, 2 for what is no
     log.

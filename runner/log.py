@@ -417,24 +417,6 @@ def read_log(path: str | Path) -> Recorded:
     return Recorded(messages=tuple(messages), whole=whole)
 
 
-def state_from_json(content: Mapping[str, Any], where: str) -> State:
-    """Read a state that a run wrote.
-
-    Raises InvalidInput.
-    """
-    try:
-        numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
-        values: dict[str, Any] = {
-            **numbers,
-            **{name: float(numbers[name]) for name in ("time_s", "bump_n")},
-        }
-        return State(**values)
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise InvalidInput(
-            f"{where}: expected a whole measurement, got {shown(error, 80)}"
-        ) from None
-
-
 def _check_message(topic: str, content: Any, where: str) -> None:
     """Raise InvalidInput unless a message is what its topic's are."""
     wanted = TOPICS[topic]

@@ -148,7 +148,7 @@ class Prepared(Tracked):
             "sees": self.sees,
             "frames": self.last_frame + 1,
             **path,
-            **world.drives.entry(),
+            "torque_nm": world.drives.torque_nm,
         }
 
 

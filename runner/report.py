@@ -19,7 +19,6 @@ from .log import Record, Trace, plain
 from .prepared import BodyFrom, Prepared, body_from
 from .safety.guard import Ended, SafeWorld
 from .settings import RunSettings, Tolerance
-from .worlds.hardware import ReplayWorld
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -197,7 +196,6 @@ class RunReport:
             shows.
         odometry_m: where the world did not tell it, how far the body was from the plan at most by
             ``leg_odometry``, NaN elsewhere and in a dry run [m].
-        replay_rad: largest difference of a command from that in the log which is replayed [rad].
         needs, loads: of the joints, as planned, and as measured where torques are; None where the
         motion never began.
         friction: what feet felt of it, as a share of what was planned with, None where body or
@@ -243,7 +241,6 @@ class RunReport:
     execution: Execution | None
     odometry_m: float = float("nan")
     body_from: BodyFrom = "nothing"
-    replay_rad: float | None = None
     needs: JointNeeds | None = None
     loads: JointNeeds | None = None
     friction: FrictionInterval | None = None
@@ -320,7 +317,6 @@ class RunReport:
             execution=execution,
             odometry_m=float("nan") if seen else odometry_error_m(record, prepared.kinematics),
             body_from=body_from(world, settings),
-            replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
             needs=planned,
             loads=felt if measured else None,
             friction=estimated(record, 1.0 / world.rate_hz)

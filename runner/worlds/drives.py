@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 
@@ -116,16 +116,6 @@ class Drives:
         lost = self.fading * rates_rad_s
         upper = self.torque_nm * np.clip(1.0 - lost, 0.0, 1.0)
         return -self.torque_nm * np.clip(1.0 + lost, 0.0, 1.0), upper
-
-    def entry(self) -> dict[str, Any]:
-        """Entry of a log about the loops, so that a replay sends the same."""
-        return {
-            "stiffness_nm_rad": self.stiffness_nm_rad,
-            "damping_nms_rad": self.damping_nms_rad,
-            "rotor_kg_m2": self.rotor_kg_m2,
-            "yields": self.yields,
-            "torque_nm": self.torque_nm,
-        }
 
     def sendable(self, targets: Array, before: Array, period_s: float) -> Array:
         """Targets as a drive takes them: within the joints' limits, no farther from the last than

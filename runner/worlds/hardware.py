@@ -4,129 +4,20 @@ from __future__ import annotations
 
 import time
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Self
 
 import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.files.arrays import Array, checked
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo
 
 from .drives import Drives
-from .world import JointBus, State, Terrain, WorldKind, WorldSettings, check_state
-
-
-class ReplayWorld(JointBus):
-    """The measurements of a log, one a step.
-
-    Nothing moves; commands are compared with those of the log.
-
-    worst_rad: largest difference between a command and what was sent at that step of the log.
-    Raises InvalidInput for a log of another robot.
-    """
-
-    kind: WorldKind = "recording"
-    name = "replay"
-
-    def __init__(self, path: str | Path, robot: Robot, servo: Servo | None = None) -> None:
-        from ..log import LOADED, read_log, state_from_json, table
-
-        recorded = read_log(path)
-        plan: dict[str, Any] = recorded.of("plan")[0]
-        drives = Drives.of(robot.legs_with(servo or robot.servo))
-        if tuple(plan["joints"]) != drives.joints:
-            raise InvalidInput(
-                f"{path}: expected a log of a robot with joints {drives.joints[0]} …, got a log of another robot"
-            )
-        rate_hz = checked(plan["rate_hz"], f"{path}: rate_hz", least=1.0, most=1000.0)
-        sees = bool(plan.get("sees", True))
-        super().__init__(robot, servo, _loops(plan, drives, path), rate_hz, senses=sees)
-        self.digest, self.whole = str(plan["digest"]), recorded.whole
-        self._states = [
-            state_from_json(each, f"{path}: measurement") for each in recorded.of("measurement")
-        ]
-        count = len(self.joints)
-        self._sent = [
-            table(each["sent_rad"], (count,), f"{path}: sent_rad")
-            for each in recorded.of("command")
-        ]
-        for state in self._states:
-            try:
-                check_state(state, count, len(robot.limbs), self.name)
-            except HardwareFault as fault:
-                raise InvalidInput(f"{path}: measurement: {fault}") from None
-        if not self._states:
-            raise InvalidInput(
-                f"{path}: expected measurements, got none: the run ended before it began"
-            )
-        self._preloaded = any(each["what"] == LOADED for each in recorded.of("decision"))
-        self._row = 0
-        self.worst_rad = 0.0
-
-    @classmethod
-    def make(cls, settings: WorldSettings) -> Self:
-        """Make the world, see ``JointBus``."""
-        path = settings.file("a log", cls.name)
-        if settings.rate_hz is not None:
-            raise InvalidInput("rate_hz: expected none with world replay: the log has its own")
-        return cls(path, settings.robot, settings.servo)
-
-    def connect(
-        self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array
-    ) -> State:
-        """The first measurement of the log."""
-        self._row, self.worst_rad = 0, 0.0
-        return self._states[0]
-
-    def preload(self, targets_rad: Array) -> bool:
-        """Tell whether the world of the log was loaded at once."""
-        return self._preloaded
-
-    def send(self, targets_rad: Array, loads_rad: Array | None = None) -> None:
-        """Compare these targets with those of the log.
-
-        Raises HardwareFault where the log ends.
-        """
-        self._row += 1
-        if self._row >= len(self._states) or self._row > len(self._sent):
-            raise HardwareFault(f"replay: the log ends after {self._row - 1} commands")
-        away = float(np.abs(np.asarray(targets_rad) - self._sent[self._row - 1]).max())
-        self.worst_rad = max(self.worst_rad, away)
-
-    def read(self) -> State:
-        """The next measurement."""
-        return self._states[self._row]
-
-    def close(self) -> None:
-        """Nothing is held."""
-
-
-def _loops(plan: Mapping[str, Any], drives: Drives, path: str | Path) -> Drives:
-    """The loops that the log was sent to.
-
-    Raises InvalidInput for a log that does not say.
-    """
-    from ..log import table
-
-    names = ("stiffness_nm_rad", "damping_nms_rad", "rotor_kg_m2")
-    stiffness, damping, rotor = (
-        table(plan.get(name), (len(drives.joints),), f"{path}: {name}") for name in names
-    )
-    if not (stiffness > 0.0).all():
-        raise InvalidInput(f"{path}: stiffness_nm_rad: expected numbers above 0, got other values")
-    return replace(
-        drives,
-        stiffness_nm_rad=stiffness,
-        damping_nms_rad=damping,
-        rotor_kg_m2=rotor,
-        yields=bool(plan.get("yields", True)),
-    )
+from .world import JointBus, State, Terrain
 
 
 def listed(names: Sequence[str]) -> str:

@@ -228,8 +228,8 @@ Solids = Sequence[Solid | Ground]
 """Solids that have a ``distance``."""
 Terrain = Sequence[Patch] | Ground
 """Flat patches, each a solid body behind its surface; or heights."""
-WorldKind = Literal["simulation", "recording", "hardware"]
-"""Whether a world computes what happens, repeats what happened, or moves something real."""
+WorldKind = Literal["simulation", "hardware"]
+"""Whether a world computes what happens, or moves something real."""
 
 
 class JointBus(ABC):
@@ -458,7 +458,6 @@ WORLDS: Registry[type[JointBus]] = Registry(
     {
         "bullet": "stancekit.runner.worlds.bullet:BulletWorld",
         "mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld",
-        "replay": "stancekit.runner.worlds.hardware:ReplayWorld",
         "dynamixel": "stancekit.runner.worlds.dynamixel.driver:DynamixelWorld",
         "ros": "stancekit.runner.worlds.ros.driver:RosWorld",
     },
@@ -485,8 +484,8 @@ def make_world(
         name: of ``WORLDS``, or FILE.py:NAME.
         servo: of drawn-up legs, in place of the robot's own.
         rate_hz: targets a second, the world's own where None.
-        setup: the log of ``replay``, the calibration file of ``dynamixel``, the set-up file of
-            ``ros``, ground that yields in simulations.
+        setup: the calibration file of ``dynamixel``, the set-up file of ``ros``, ground that yields
+            in simulations.
         imperfections: of a simulated robot.
         actuators: what turns its joints, None for what its file, or the device's, says.
         contact: ground of a simulation that yields, None for hard ground, unless the set-up file

@@ -41,7 +41,7 @@ QUICK, PATIENCE = 4, 12
 benchmark has hundreds."""
 COARSE = {"_SAMPLES": 6_000, "_VOXELS": 16, "_SEEDS": 800, "_CHECKED": 300, "_CUTS": 2}
 """Counts of the measurement of a leg, of which the robots here only need to have one."""
-SLOW = ("servos", "ros", "replayed log")
+SLOW = ("servos", "ros")
 """Where a file that is sound is run, which takes seconds; ``benchmarks/damaged_files.py`` has
 them."""
 

@@ -71,10 +71,6 @@ def test_a_plan_is_run_logged_drawn_and_replayed(
     message = json.loads(out)
     assert (code, message["whole"], message["commands"]) == (0, True, report["sent"])
     assert message["joint_worst_rad"] == pytest.approx(report["joint_worst_rad"], rel=1e-6)
-    code, out, _ = ended(
-        RunMotion(plan=folder / "plan.json", pace=2.0, world="replay", setup=log, json=True), capsys
-    )
-    assert (code, json.loads(out)["replay_rad"]) == (0, 0.0)
     log.write_bytes(log.read_bytes()[:200000])
     code, out, _ = ended(Replay(log=log), capsys)
     assert code == 1
@@ -192,7 +188,7 @@ def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refu
             f"--log: expected a file of its own, got that of PLAN: {gait}",
         ),
         (
-            {"world": "replay", "setup": log, "log": log},
+            {"world": "dynamixel", "setup": log, "log": log},
             f"--log: expected a file of its own, got that of --setup: {log}",
         ),
         (
@@ -229,10 +225,6 @@ def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refu
         ),
         ({"setup": Path("x")}, "x: expected a file, found nothing there"),
         ({"picture": Path("x.png")}, "--picture: expected --log FILE.mcap with it"),
-        (
-            {"policy": "lift", "world": "replay"},
-            "--policy: expected a world that answers to what is done, got replay",
-        ),
         ({"policy": "none.json"}, "none.json: expected a file, found nothing there"),
         (
             {"policy": "lift", "replan_m": -1.0},
@@ -672,7 +664,7 @@ def test_a_simulation_of_ones_own_is_a_subclass_and_simulated_like_the_others(pl
         ("mine.py", "--world: expected FILE.py:NAME, got no name after mine.py"),
         (
             "gazebo",
-            "--world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'",
+            "--world: expected one of bullet, mujoco, dynamixel, ros, or FILE.py:NAME, got 'gazebo'",
         ),
     ],
 )

@@ -239,13 +239,6 @@ _ALONE = (
         made=(m.other_records,),
     ),
     Case(
-        name="replayed log",
-        arguments=("run", "plan.json", "--world", "replay", "--setup", "run.mcap"),
-        file="run.mcap",
-        kind="mcap",
-        made=(m.other_records,),
-    ),
-    Case(
         name="servos",
         arguments=("run", "plan.json", "--world", "dynamixel", "--setup", "servos.yaml"),
         file="servos.yaml",

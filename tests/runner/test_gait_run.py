@@ -178,13 +178,6 @@ def test_a_leap_lands_where_it_should_and_stands(ran: tuple[RunReport, Path]):
     assert np.count_nonzero(flies) > 20
 
 
-def test_a_replay_sends_the_same(leap: Accepted, ran: tuple[RunReport, Path]):
-    first, log = ran
-    again = stancekit.run(leap, "replay", setup=log)
-    assert again.sent == first.sent
-    assert again.replay_rad == 0.0
-
-
 def test_a_stop_before_take_off_is_obeyed_at_once(leap: Accepted):
     report = stopped_at(leap, 0.6)
     assert report.message == "e-stop"

@@ -319,7 +319,7 @@ def test_a_wall_clock_that_jumps_changes_nothing(
     np.testing.assert_array_equal([t for _, t in jumped.commands], [t for _, t in calm.commands])
 
 
-def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_the_same(
+def test_in_a_simulation_the_report_is_that_of_an_execution_and_its_log_is_drawn(
     accepted: Accepted, tmp_path: Path
 ) -> None:
     from stancekit.views.gait_plot import draw_tracking
@@ -333,13 +333,6 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
         accepted.plan, settings=RunSettings(timing=timing, check_limits=False)
     ).execution
     assert report.execution.com_worst_m == pytest.approx(alone.com_worst_m, abs=2e-4)
-    again = Runner(make_world("replay", course.robot, setup=path), settings=FAST).run(accepted)
-    assert again.replay_rad == 0.0
-    assert again.joint_rms_rad == report.joint_rms_rad
-    slower = replace(FAST, timing=Timing().at_pace(1.5), blind=True)
-    other = Runner(make_world("replay", course.robot, setup=path), settings=slower).run(accepted)
-    assert not other.succeeded
-    assert_names(other.message, "log")
     figure = draw_tracking(read_log(path))
     lines = figure.axes[0].lines
     assert len(lines) == 6
@@ -356,7 +349,6 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
 
     course = accepted.plan.problem
     for name, named in (
-        ("replay", "setup"),
         ("dynamixel", "setup"),
         ("ros", "setup"),
         ("gazebo", "world"),
