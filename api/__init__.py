@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from .envs.data.leap_tries import LeapTries as LeapTries
     from .exports import ExportedMotions as ExportedMotions, export as export
     from .files import load as load, save as save
-    from .learners.data.export import Exported as Exported
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.evaluate import Comparison as Comparison, Score as Score
     from .learners.selectors.selector import Learned as Learned
@@ -90,7 +89,6 @@ _HOMES = {
         "load",
         "save",
     ),
-    "learners.data.export": ("Exported",),
     "learners.data.labelling": ("RecheckReport",),
     "learners.evaluation.evaluate": (
         "Comparison",

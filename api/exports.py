@@ -1,4 +1,4 @@
-"""Exports: motions in the formats of other programs, and labelled rows as expert data."""
+"""Exports: motions in the formats of other programs."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from stancekit import Dataset, Exported, InvalidInput, Motion
-from stancekit.envs.data.ledger import folder_of
-from stancekit.learners.data.labelling import rows_of
+from stancekit import InvalidInput, Motion
 from stancekit.planners.arguments import checked
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import parse_json, read_text, shown
@@ -24,9 +22,6 @@ from stancekit.runner.motion.time_parametrization import RATE_HZ
 from .walks import walk
 
 Progress = Callable[[int, int], None]
-_MINARI = "minari"
-_FORMAT_NAMES = (*FORMATS, _MINARI)
-"""Formats that ``to`` may name."""
 _LEDGER = "motions.jsonl"
 """In a folder of drawn motions: a line per draw, and what was asked for before them."""
 _GOAL_XY_M, _DURATION_S, _LIMIT_S = (0.8, 0.0), 6.0, 30.0
@@ -64,18 +59,16 @@ class ExportedMotions:
 
 @checked
 def export(
-    subject: Dataset | Motion[Any] | str | Path,
+    subject: Motion[Any] | str | Path,
     out: str | Path | None = None,
     *,
     to: str | None = None,
     rate_hz: float = RATE_HZ,
     count: int | None = None,
     robot: str | Path = "anymal",
-    room: float = 0.02,
     progress: Progress | None = None,
-) -> Exported | ExportedMotions:
-    """Write a motion in the format of another program, many of them over drawn terrain, or labelled
-    rows.
+) -> ExportedMotions:
+    """Write a motion in the format of another program, or many of them over drawn terrain.
 
     The motion is the one that ``run`` streams: t, q, dq/dt, torques, contacts, forces and body,
     with names. A plan, a walk or a leap is judged before it is exported, a value as well as a file,
@@ -83,22 +76,20 @@ def export(
 
     Arguments:
         subject: a plan, a walk, a leap or a crossing, or the file of one; a family's level as "rough:0.1" with
-            ``count``; or a labelled data set, or its folder.
-        out: the file, or for drawn motions and data sets the folder; a name beside the input where
-            it is None.
+            ``count``.
+        out: the file, or for drawn motions the folder; a name beside the input where it is None.
         to: "csv", "npz", "jointtrajectory" (ROS 2; JSON, or YAML by the name of ``out``), "mujoco"
             (MJCF with key frames), "reference" (mjlab's tracking task), "crocoddyl" (an
-            .npz, and a script beside it), "foxglove" (MCAP), or "minari" for a data set; None for what the ending of ``out`` says.
+            .npz, and a script beside it) or "foxglove" (MCAP); None for what the ending of ``out``
+            says.
         rate_hz: rows per second, 100 where it is not given; 30 to 200 are usual.
         count: number of walks, over grounds of seeds 0, 1, ...; walks that the folder has already
             are not made again.
         robot: the walker for these, as ``walk`` takes it.
-        room: for a data set, the distance by which each side of the expert's box is moved out,
-            non-dimensional.
         progress: function called with the number done and the number in all.
 
     Returns:
-        ``ExportedMotions``, or ``Exported`` for a data set.
+        ``ExportedMotions``.
 
     Raises:
         InvalidInput: for what the verifier does not accept, a format of joints where they are not
@@ -112,40 +103,21 @@ def export(
         >>> stancekit.export(plan, "climb.csv", rate_hz=50.0).paths[0].stat().st_size > 10_000
         True
     """
-    if to is not None and to not in _FORMAT_NAMES:
-        raise InvalidInput(f"to: expected one of {', '.join(_FORMAT_NAMES)}, got {to!r:.40}")
+    if to is not None and to not in FORMATS:
+        raise InvalidInput(f"to: expected one of {', '.join(FORMATS)}, got {to!r:.40}")
     path = None if out is None else Path(out)
     is_draw = isinstance(subject, str) and drawn_name(subject) and not Path(subject).exists()
     if count is not None and not is_draw:
         raise InvalidInput(
             f"count: expected a family's level with it, as rough:0.1, got {_called(subject)}"
         )
-    is_rows = isinstance(subject, Dataset) or (
-        isinstance(subject, str | Path) and (to == _MINARI or folder_of(subject).is_dir())
-    )
-    kind, used = (
-        ("drawn walks", ("robot", "rate_hz"))
-        if is_draw
-        else ("a data set", ("room",))
-        if is_rows
-        else ("a motion", ("rate_hz",))
-    )
-    for name, came, usual in (
-        ("robot", robot, "anymal"),
-        ("room", room, 0.02),
-        ("rate_hz", rate_hz, RATE_HZ),
-    ):
-        if came != usual and name not in used:
-            raise InvalidInput(f"{name}: expected none with {kind}, got {came}")
+    if robot != "anymal" and not is_draw:
+        raise InvalidInput(f"robot: expected none with a motion, got {robot}")
     if is_draw:
         assert isinstance(subject, str)
         if count is None:
             raise InvalidInput(f"count: expected how many motions over {subject}, got none")
         return _drawn(subject, path, to or "reference", rate_hz, count, str(robot), progress)
-    if is_rows:
-        assert not isinstance(subject, Motion)
-        return _rows(subject, path, to or _MINARI, room, progress)
-    assert not isinstance(subject, Dataset)
     source = _called(subject)
     chosen = _format(to, path)
     if path is None:
@@ -182,11 +154,7 @@ def read_accepted(path: Path) -> Motion[Any]:
 
 
 def _called(subject: object) -> str:
-    return (
-        str(subject)
-        if isinstance(subject, str | Path)
-        else f"a {getattr(subject, 'word', 'Dataset')}"
-    )
+    return str(subject) if isinstance(subject, str | Path) else f"a {getattr(subject, 'word', '')}"
 
 
 def _format(to: str | None, out: Path | None) -> str:
@@ -194,10 +162,6 @@ def _format(to: str | None, out: Path | None) -> str:
 
     Raises InvalidInput.
     """
-    if to == _MINARI:
-        raise InvalidInput(
-            "to: expected a format of motions, got minari, which is one of data sets"
-        )
     if to is not None:
         return to
     fitting = (
@@ -208,21 +172,6 @@ def _format(to: str | None, out: Path | None) -> str:
     if not fitting:
         raise InvalidInput(f"to: expected one of {', '.join(FORMATS)}, got none")
     return fitting[0]
-
-
-def _rows(
-    subject: Dataset | str | Path, out: Path | None, to: str, room: float, progress: Progress | None
-) -> Exported:
-    """Labelled rows as a Minari data set."""
-    from stancekit.learners.data.export import export as exported
-
-    if to != _MINARI:
-        raise InvalidInput(f"to: expected {_MINARI} with a data set, got {to}")
-    rows = rows_of(subject)
-    folder = rows.ledger.folder
-    return exported(
-        rows, out or folder.with_name(f"{folder.name}-{_MINARI}"), room=room, progress=progress
-    )
 
 
 def _drawn(

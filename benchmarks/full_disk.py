@@ -142,8 +142,7 @@ class Trial:
         if struck.code != -9:
             wrong.append(f"exit code {struck.code}, expected to be killed")
         after = self.run(self._case.verb)
-        done = self._case.once and not self._names - set(contents(self._work))
-        if after.code != self._case.code and not done:
+        if after.code != self._case.code:
             wrong.append(f"the next run: exit code {after.code}: {after.said.strip()[-300:]}")
         return wrong + [f"after the next run: {line}" for line in self.harm()]
 

@@ -1,14 +1,12 @@
-"""``stancekit export`` and ``picture``: motions and expert data for other programs, and postures
-drawn.
-"""
+"""``stancekit export`` and ``picture``: motions for other programs, and postures drawn."""
 
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from json import loads
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -17,13 +15,10 @@ from stancekit.planners.errors import InvalidInput
 from .console import as_options, emit, out, progress, tell, text_of
 from .options import OptionalInt, OptionalPath, OptionalText, check_out, check_unused
 
-if TYPE_CHECKING:
-    from stancekit import Exported, ExportedMotions
-
 
 @dataclass
 class Export:
-    """Write a motion in the format of another program, or a labelled data set as expert data.
+    """Write a motion in the format of another program.
 
     The motion is the one that `stancekit run` streams: time, angles, rates and torques of joints,
     contacts, forces and body, with names. It is played open loop in MuJoCo: pace and gains at which
@@ -35,24 +30,20 @@ class Export:
       reference        the .npz that mjlab's tracking task reads
       crocoddyl        an .npz, and a script that follows it with Crocoddyl
       foxglove         MCAP of ROS 2's messages, for Foxglove, too (extra viz)
-      minari           one-step episodes of EnvelopeSelection-v0, of a data set of `stancekit label`
 
       stancekit export plan.json --to csv
       stancekit export walk.json --to mujoco --rate-hz 50 --out walk.xml
       stancekit export rough:0.1 --count 40 --robot go1 --to reference --out motions
-      stancekit export data/train --to minari --out out/minari
 
-    Exit code: 0 written; 1 a data set that reads back otherwise; 2 bad input, nothing is written.
+    Exit code: 0 written; 2 bad input, nothing is written.
     """
 
     subject: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="X")]
-    """File of a plan, a walk or a leap; FAMILY:LEVEL with --count; or the folder of a data set."""
+    """File of a plan, a walk or a leap; or FAMILY:LEVEL with --count."""
     to: Annotated[OptionalText, tyro.conf.arg(metavar="FORMAT")] = None
-    """Which format; what the ending of --out says where it is missing, and minari for a data
-    set."""
+    """Which format; what the ending of --out says where it is missing."""
     out: OptionalPath = None
-    """File, or the folder of drawn motions or of a data set; a name beside X where it is
-    missing."""
+    """File, or the folder of drawn motions; a name beside X where it is missing."""
     rate_hz: float = 100.0
     """Rows per second."""
     count: OptionalInt = None
@@ -60,19 +51,14 @@ class Export:
     some is gone on with."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """Who walks there."""
-    room: float = 0.02
-    """Of a data set: how far every side of the expert's box is moved out (non-dimensional)."""
     json: bool = False
     """Print the result as one JSON object."""
 
     def run(self) -> int:
         """Export, and say what was written."""
-        from stancekit import ExportedMotions, export
+        from stancekit import export
 
-        with (
-            as_options("to", "out", "rate_hz", "count", "robot", "room"),
-            progress("export") as bar,
-        ):
+        with as_options("to", "out", "rate_hz", "count", "robot"), progress("export") as bar:
             done = export(
                 self.subject,
                 self.out,
@@ -80,12 +66,8 @@ class Export:
                 rate_hz=self.rate_hz,
                 count=self.count,
                 robot=self.robot,
-                room=self.room,
                 progress=bar,
             )
-        return self._motions(done) if isinstance(done, ExportedMotions) else self._rows(done)
-
-    def _motions(self, done: ExportedMotions) -> int:
         lost, total = sum(done.refused.values()), len(done.paths) + sum(done.refused.values())
         if self.json:
             emit(
@@ -109,19 +91,6 @@ class Export:
                 f"{len(done.paths)} motions of {total} grounds{remark}; in {done.paths[0].parent}"
             )
         return 0
-
-    def _rows(self, done: Exported) -> int:
-        from stancekit.learners.data.export import load_exported
-
-        there = load_exported(Path(done.root)).total_episodes
-        tell(
-            self.json,
-            {**asdict(done), "root": str(done.root), "read_back": int(there)},
-            f"{done.root}: {there} episodes of {done.dataset_id}, mean reward "
-            f"{done.mean_reward:.3f}, "
-            f"P1 over the expert's box agrees with the label in {100.0 * done.agreement:.1f} %",
-        )
-        return 0 if there == done.episodes else 1
 
 
 @dataclass

@@ -1,5 +1,5 @@
-"""Data sets of labelled postures (Algorithm E1): drawing, files, processes, episodes for others.
+"""Data sets of labelled postures (Algorithm E1): drawing, files, processes.
 
-Read ``labelling``, ``shards`` and ``executors`` (who works), then ``leap_tries``, ``export``;
-``ray_driver`` is what runs on a cluster.
+Read ``labelling``, ``shards`` and ``executors`` (who works), then ``leap_tries``; ``ray_driver`` is
+what runs on a cluster.
 """

@@ -7,7 +7,6 @@ import fcntl
 import os
 import re
 import secrets
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -100,26 +99,22 @@ def write_bytes(path: str | Path, content: bytes) -> None:
 
 
 @contextmanager
-def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
+def replaced(path: str | Path) -> Iterator[Path]:
     """A new and empty file beside a path, to be written to; when the block ends it is what the path
     leads to.
 
     Whatever was there stays until then, also when the process is killed, the disk is full or the
-    machine stops; a link stays a link.
-
-    Arguments:
-        folder: a new folder, to take the place of an empty one or of none. The new file is locked
-            while it is written, and those that no process has locked any more are removed: they are
-            what killed writers of this path left.
+    machine stops; a link stays a link. The new file is locked while it is written, and those that no
+    process has locked any more are removed: they are what killed writers of this path left.
 
     Raises:
         InvalidInput: where nothing can be written, also for an OSError from the block.
     """
-    target = check_writable(path, folder=folder)
+    target = check_writable(path)
     require(not _is_special(target), f"{path}: expected a file, found a device or a pipe")
     remove_leftovers(target.parent, target.name.__eq__)
     try:
-        temporary, lock = _locked(target, folder)
+        temporary, lock = _locked(target)
         try:
             yield temporary
             os.fsync(lock)
@@ -127,7 +122,7 @@ def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
             _sync(target.parent)
         finally:
             with suppress(OSError):
-                _remove(temporary)
+                temporary.unlink()
             os.close(lock)
     except OSError as error:
         raise _unwritable(path, error) from None
@@ -185,23 +180,15 @@ def make_folder(folder: Path) -> None:
         raise InvalidInput(f"{folder}: expected a folder or room for one, got {reason}") from None
 
 
-def check_new_folder(path: Path) -> None:
-    """Raise InvalidInput where there is a file, or a folder with something in it."""
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        obstacle = "a file" if path.is_file() else "files in it"
-        raise InvalidInput(f"{path}: expected a new or empty folder, found {obstacle}")
-
-
-def check_writable(path: str | Path, *, folder: bool = False) -> Path:
-    """Check a path or folder for writing before the work whose result goes there.
+def check_writable(path: str | Path) -> Path:
+    """Check a path for writing before the work whose result goes there.
 
     Raises InvalidInput if none can be.
     """
     path = Path(path)
     try:
         target = path.resolve()
-        file = folder or not path.is_dir()
-        require(file, f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
+        require(not path.is_dir(), f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
         require(
             path.parent.is_dir(), f"{path}: expected an existing folder {path.parent}, found none"
         )
@@ -251,20 +238,11 @@ def failure_of(name: str, said: str) -> OSError:
     )
 
 
-def _locked(target: Path, folder: bool) -> tuple[Path, int]:
-    """A new file or folder beside the target, and the descriptor that holds its lock."""
+def _locked(target: Path) -> tuple[Path, int]:
+    """A new file beside the target, and the descriptor that holds its lock."""
     for _ in range(_TRIES):
         temporary = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")
-        if folder:
-            temporary.mkdir()
-        try:
-            lock = os.open(
-                temporary, os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666
-            )
-        except FileNotFoundError:
-            if target.parent.is_dir():
-                continue  # as below, of a folder
-            raise
+        lock = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
         with suppress(
             OSError
         ):  # a file system without locks: nobody will take it for a leftover either
@@ -282,21 +260,12 @@ def _remove_unlocked(path: Path) -> None:
 
     Raises OSError for what is locked.
     """
-    lock = os.open(
-        path, (os.O_RDONLY if path.is_dir() else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK
-    )
+    lock = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        _remove(path)
+        path.unlink()
     finally:
         os.close(lock)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
 
 
 def _sync(folder: Path) -> None:

@@ -54,7 +54,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "console": {DRAWS: ("views.sheet",)},
-    "export": {TOOL: ("learners.data.export",), LATER: ("planners.formats.motion_file",)},
+    "export": {LATER: ("planners.formats.motion_file",)},
     "fit": {
         CHOICES: ("planners.projection.project",),
         TOOL: ("learners.evaluation.evaluate",),
@@ -215,11 +215,10 @@ CASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     ),
     "ray": (("ray",), ("label wall-3 new --executor ray --feasible 1 --infeasible 1",)),
     "data": (
-        ("pyarrow", "minari"),
+        ("pyarrow",),
         (
             "label wall-3 new --feasible 1 --infeasible 1",
             "fit rows --out e.json",
-            "export rows --out minari",
         ),
     ),
     "robots": (

@@ -17,8 +17,6 @@ import pytest
 from stancekit import PlanSettings, draw, plan, save
 from stancekit.cli.play import Play
 from stancekit.cli.solve import Between
-from stancekit.envs.data.ledger import LabelPlan
-from stancekit.learners.data.labelling import label
 from stancekit.planners.problem.course_file import read_course
 from stancekit.views.playground.scenario import Scenario
 
@@ -114,22 +112,3 @@ def test_a_terrains_file_is_laid_out_between_two_places(tmp_path: Path):
     again = read_course(tmp_path / "again.yaml")
     assert again.com_nominal_m == pytest.approx(moved.course().com_nominal_m, abs=1e-3)
     assert moved.slid("friction", 0.3).course().terrain[0].friction == 0.3
-
-
-def test_an_export_is_read_back_and_told(tmp_path: Path, stancekit, refusal) -> None:
-    label(
-        LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4), tmp_path / "set"
-    )
-    (record,) = stancekit("export", "set", "--out", "made", "--json").records
-    assert (record["episodes"], record["read_back"], record["agreement"]) == (4, 4, 1.0)
-    assert record["dataset_id"] == "stancekit/wall-3/expert-v0"
-    assert record["root"] == str(tmp_path / "made")
-    said = refusal("export", "set", "--out", "made")
-    assert said == "made: expected a new or empty folder, found files in it"
-    ran = stancekit("export", "set", "--out", "text", "--to", "minari")
-    assert (ran.code, "4 episodes of stancekit/wall-3/expert-v0" in ran.out) == (0, True)
-
-
-def test_a_folder_without_a_data_set_is_refused(refusal) -> None:
-    said = refusal("export", "none", "--to", "minari", "--out", "out")
-    assert said == "none: expected the folder of a data set, found nothing"

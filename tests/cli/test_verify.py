@@ -480,7 +480,6 @@ def test_exports_that_cannot_be_are_one_line(walk_file: Path, tmp_path: Path, re
             "--to: expected one of csv, npz, jointtrajectory, mujoco, reference, crocoddyl, foxglove, got none",
         ),
         ((walk_file, "--to", "svg"), "--to: expected one of csv"),
-        ((walk_file, "--to", "minari"), "expected the folder of a data set"),
         (
             (walk_file, "--to", "csv", "--out", tmp_path / "file" / "walk.csv"),
             "expected an existing folder",

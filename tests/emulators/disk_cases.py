@@ -18,7 +18,7 @@ Words = tuple[str, ...]
 class Case:
     """A verb. before: what was run in the folder before; dropped: patterns of what is then removed.
     code: its usual exit code. partial: what a run that was cut off may leave, by design. paths:
-    what its errors may name besides. once: it is refused where all of it is there.
+    what its errors may name besides.
     """
 
     name: str
@@ -28,7 +28,6 @@ class Case:
     code: int = 0
     partial: Words = ()
     paths: Words = ()
-    once: bool = False
 
 
 def over(name: str, verb: Words, *others: str, **more: object) -> Case:
@@ -159,19 +158,6 @@ CASES = (
         "--friction",
         "0.7",
     ),
-    Case(
-        name="export",
-        verb=("export", "{in}/data", "--out", "minari"),
-        before=(),
-        once=True,
-        paths=("minari",),
-    ),
-    Case(
-        name="train",
-        verb=("train", "{in}/train.yaml", "--out", "run", "--steps", "256", "--resume"),
-        before=(("train", "{in}/train.yaml", "--out", "run", "--steps", "128"),),
-        paths=("run",),
-    ),
     Case(name="bench gait", verb=(*BENCH, "--out", "bench"), before=(), paths=("bench",)),
 )
 
@@ -186,18 +172,6 @@ def made_inputs(folder: Path) -> Path:
     )
     walls["terrain"]["friction"] = 0.3
     (folder / "ice.yaml").write_text(yaml.safe_dump(walls | {"name": "ice"}))
-    rows = {"feasible": 4, "infeasible": 4}
-    training = {
-        "environment": "stancekit/EnvelopeSelection-v0",
-        "problem": "wall-3",
-        "steps": 128,
-        "envs": 2,
-        "train": rows,
-        "held_out": rows | {"seed": 1},
-        "evaluate_every": 128,
-        "ppo": {"rollout": 64, "batch": 64, "epochs": 1},
-    }
-    (folder / "train.yaml").write_text(yaml.safe_dump(training))
     quick = {
         "genetic": {"population": 6, "generations": 2, "terrains": 4},
         "neural": {"epochs": 1, "margin_epochs": 1},

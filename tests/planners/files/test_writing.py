@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import copy
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -24,12 +23,11 @@ from stancekit.planners.files.writing import (
     first_difference,
     make_folder,
     replaced,
-    write_bytes,
     write_text,
 )
 from stancekit.planners.formats.motion_file import check_file, write_motion
 from stancekit.planners.verify import check_plan
-from tests.emulators.faulty_disk import Ended, ended
+from tests.emulators.faulty_disk import ended
 from tests.refusals import refuses
 
 VALUE: dict[str, Any] = {
@@ -226,33 +224,6 @@ def test_the_longest_name_is_written_and_one_letter_more_refused_before_any_work
     for of, name in ((check_writable, f"{longest}n"), (check_writable, "a\0"), (make_folder, "\0")):
         with refuses():
             of(tmp_path / name)
-
-
-def test_a_folder_takes_the_place_of_an_empty_one_or_nothing_changes(tmp_path):
-    (tmp_path / "set").mkdir()
-
-    def write() -> int:
-        def fill() -> None:
-            with replaced(tmp_path / "set", folder=True) as temporary:
-                (temporary / "a").mkdir()
-                write_bytes(temporary / "a" / "b", b"content")
-
-        return on_progress(fill)
-
-    clean = ended(write, tmp_path)
-    assert (clean.code, (tmp_path / "set" / "a" / "b").read_bytes()) == (0, b"content")
-    for at in range(1, len(clean.calls) + 1):
-        for fault in ("full", "killed"):
-            shutil.rmtree(tmp_path / "set")
-            (tmp_path / "set").mkdir()
-            done: Ended = ended(write, tmp_path, at, fault)
-            assert os.listdir(tmp_path / "set") in ([], ["a"])
-            if fault == "full":
-                assert os.listdir(tmp_path) == ["set"]
-                assert done.code == 0 or FULL in done.said
-            shutil.rmtree(tmp_path / "set")
-            assert write() == 0
-            assert os.listdir(tmp_path) == ["set"]
 
 
 def test_a_device_is_no_target_of_what_is_put_in_its_place(tmp_path):
