@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from .datasets import label as label
     from .envs.data.dataset import Dataset as Dataset
     from .envs.data.leap_tries import LeapTries as LeapTries
-    from .exports import ExportedMotions as ExportedMotions, export as export
+    from .exports import Exported as Exported, export as export
     from .files import load as load, save as save
     from .learners.data.labelling import RecheckReport as RecheckReport
     from .learners.evaluation.evaluate import Comparison as Comparison, Score as Score
@@ -82,7 +82,7 @@ _HOMES = {
     "envs.data.dataset": ("Dataset",),
     "envs.data.leap_tries": ("LeapTries",),
     "exports": (
-        "ExportedMotions",
+        "Exported",
         "export",
     ),
     "files": (

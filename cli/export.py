@@ -12,8 +12,8 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, out, progress, tell, text_of
-from .options import OptionalInt, OptionalPath, OptionalText, check_out, check_unused
+from .console import as_options, tell, text_of
+from .options import OptionalPath, OptionalText, check_out, check_unused
 
 
 @dataclass
@@ -33,24 +33,18 @@ class Export:
 
       stancekit export plan.json --to csv
       stancekit export walk.json --to mujoco --rate-hz 50 --out walk.xml
-      stancekit export rough:0.1 --count 40 --robot go1 --to reference --out motions
 
     Exit code: 0 written; 2 bad input, nothing is written.
     """
 
     subject: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="X")]
-    """File of a plan, a walk or a leap; or FAMILY:LEVEL with --count."""
+    """File of a plan, a walk or a leap."""
     to: Annotated[OptionalText, tyro.conf.arg(metavar="FORMAT")] = None
     """Which format; what the ending of --out says where it is missing."""
     out: OptionalPath = None
-    """File, or the folder of drawn motions; a name beside X where it is missing."""
+    """File; a name beside X where it is missing."""
     rate_hz: float = 100.0
     """Rows per second."""
-    count: OptionalInt = None
-    """So many accepted walks over grounds of FAMILY:LEVEL with seeds 0, 1, ...; a folder that has
-    some is gone on with."""
-    robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
-    """Who walks there."""
     json: bool = False
     """Print the result as one JSON object."""
 
@@ -58,38 +52,15 @@ class Export:
         """Export, and say what was written."""
         from stancekit import export
 
-        with as_options("to", "out", "rate_hz", "count", "robot"), progress("export") as bar:
-            done = export(
-                self.subject,
-                self.out,
-                to=self.to,
-                rate_hz=self.rate_hz,
-                count=self.count,
-                robot=self.robot,
-                progress=bar,
-            )
-        lost, total = sum(done.refused.values()), len(done.paths) + sum(done.refused.values())
-        if self.json:
-            emit(
-                {
-                    "files": [str(path) for path in done.paths],
-                    "refused": dict(done.refused),
-                    "without": done.without,
-                    "open_loop": done.open_loop,
-                }
-            )
-        elif self.count is None:
-            out.print(
-                f"wrote {done.paths[0]}"
-                + (f" without joints: {done.without}" if done.without else "")
-                + (f"; open loop in MuJoCo: {done.open_loop}" if done.open_loop else "")
-            )
-        else:
-            why = "; ".join(f"{reason}: {count}" for reason, count in done.refused.items())
-            remark = f", {lost} refused ({lost / total:.0%}){': ' if why else ''}{why}"
-            out.print(
-                f"{len(done.paths)} motions of {total} grounds{remark}; in {done.paths[0].parent}"
-            )
+        with as_options("to", "out", "rate_hz"):
+            done = export(self.subject, self.out, to=self.to, rate_hz=self.rate_hz)
+        tell(
+            self.json,
+            {"file": str(done.path), "without": done.without, "open_loop": done.open_loop},
+            f"wrote {done.path}"
+            + (f" without joints: {done.without}" if done.without else "")
+            + (f"; open loop in MuJoCo: {done.open_loop}" if done.open_loop else ""),
+        )
         return 0
 
 

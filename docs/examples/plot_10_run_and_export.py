@@ -15,7 +15,7 @@ level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
 walk = stancekit.walk(level, (0.2, 0.0), robot="anymal", duration_s=2.0).solution
 print("run:", stancekit.run(walk).succeeded)
 for name in ("walk.xml", "walk.csv"):
-    print(stancekit.export(walk, name).paths[0])
+    print(stancekit.export(walk, name).path)
 _ = stancekit.export(walk, "walk.npz", to="reference")
 
 # %%

@@ -30,7 +30,7 @@ StepsDone = Callable[[int, int], None]
 
 
 class Fit(ABC):
-    """Base of fits, which go step by step: a step is an epoch, a generation or a segment."""
+    """Base of fits, which go step by step: a step is an epoch or a generation."""
 
     total: int
 

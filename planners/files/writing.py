@@ -142,32 +142,6 @@ def remove_leftovers(folder: Path, of: Callable[[str], bool]) -> None:
                     _remove_unlocked(folder / name)
 
 
-@contextmanager
-def alone_in(folder: Path) -> Iterator[None]:
-    """Hold a folder's lock, so that two processes do not work in it at once; a killed process lets
-    go of it, and a file system without locks has none.
-
-    Raises InvalidInput where another process holds it.
-    """
-    try:
-        lock = os.open(folder, os.O_RDONLY)
-    except OSError as error:
-        raise _unwritable(folder, error) from None
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(lock)
-        raise InvalidInput(
-            f"{folder}: expected a folder in which no other process is at work, found one"
-        ) from None
-    except OSError:
-        pass
-    try:
-        yield
-    finally:
-        os.close(lock)
-
-
 def make_folder(folder: Path) -> None:
     """Make a folder for results, unless there is one.
 

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 import stancekit as library
-from stancekit import Motion, exports
+from stancekit import Motion
 from stancekit.checks import _ground
-from stancekit.planners.files.writing import alone_in
 from stancekit.planners.formats.motion_file import read_motion, write_motion
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
@@ -492,66 +491,12 @@ def test_exports_that_cannot_be_are_one_line(walk_file: Path, tmp_path: Path, re
             (walk_file, "--to", "csv", "--rate-hz", "-1"),
             "--rate-hz: expected a number in (0, 10000], got -1",
         ),
-        ((walk_file, "--to", "csv", "--count", "2"), "--count: expected a family's level with it"),
-        (
-            ("rough:0.1", "--to", "csv"),
-            "--count: expected how many motions over rough:0.1, got none",
-        ),
-        (("rough:0.1", "--to", "csv", "--count", "0"), "--count: expected"),
-        (("rough:0.1:3", "--count", "2"), "expected FAMILY:LEVEL with count"),
-        (
-            ("rough:0.1", "--count", "2", "--out", tmp_path / "file"),
-            "expected a folder or room for one",
-        ),
         (
             (tmp_path / "other.json", "--to", "csv"),
             "stancekit/motion/1",
         ),
     ):
         assert line in refusal("export", *arguments)
-
-
-ONE = ("export", "rough:0.05", "--count", "1", "--out", "drawn", "--to")
-
-
-def test_drawn_motions_are_gone_on_with(tmp_path: Path, stancekit, refusal) -> None:
-    ran, motion = stancekit(*ONE, "csv"), tmp_path / "drawn" / "rough-0.05-0.csv"
-    assert (ran.code, "1 motions of 1 grounds, 0 refused (0%)" in ran.out) == (0, True)
-    before = motion.stat().st_mtime_ns
-    assert stancekit(*ONE, "csv").code == 0
-    assert motion.stat().st_mtime_ns == before
-    assert "to: expected 'npz', found motions of another one there" in refusal(*ONE, "npz")
-
-
-def test_two_processes_do_not_draw_into_one_folder(tmp_path: Path, stancekit, refusal) -> None:
-    folder = tmp_path / "drawn"
-    folder.mkdir()
-    with alone_in(folder):
-        assert "in which no other process is at work" in refusal(*ONE, "csv")
-    assert list(folder.iterdir()) == []
-    assert stancekit(*ONE, "csv").code == 0
-
-
-def test_a_folder_whose_writer_was_killed_in_its_first_motion_is_gone_on_with(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stancekit, refusal
-) -> None:
-    def killed(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    folder, walked = tmp_path / "drawn", exports.walk
-    monkeypatch.setattr(exports, "walk", killed)
-    assert stancekit(*ONE, "csv").code != 0
-    (folder / ".rough-0.05-0.csv.999999-01234567.tmp").write_text("half")
-    monkeypatch.setattr(exports, "walk", walked)
-    assert stancekit(*ONE, "csv").code == 0
-    assert sorted(path.name for path in folder.iterdir()) == ["motions.jsonl", "rough-0.05-0.csv"]
-    for text in ("", "[]", '{"format": 1}', "\n3", '\n{"ground": 1}', '\n{"file": 3}'):
-        head = (folder / "motions.jsonl").read_text().splitlines()[0]
-        (folder / "bad").mkdir(exist_ok=True)
-        (folder / "bad" / "motions.jsonl").write_text(
-            head + text if text.startswith("\n") else text
-        )
-        refusal("export", "rough:0.05", "--count", "1", "--to", "csv", "--out", folder / "bad")
 
 
 def test_the_stance_of_a_sequence_that_is_refuted_is_drawn(stancekit):

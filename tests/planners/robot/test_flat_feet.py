@@ -90,7 +90,7 @@ def test_motions_on_soles_are_judged_as_far_as_it_is_known_where_they_press(
     walked: Motion, tmp_path: Path
 ) -> None:
     done = stancekit.export(walked, tmp_path / "walk.csv", rate_hz=50.0)
-    table, robot = read_table(done.paths[0]), robot_of(model_of(biped()))
+    table, robot = read_table(done.path), robot_of(model_of(biped()))
     report = check_motion(table, robot, walked.problem.terrain)
     assert report.accepted
     assert {"contact_gap", "balance", "effort"} <= {
