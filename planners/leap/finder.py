@@ -215,8 +215,7 @@ def find_leap(
     """Search for a leap, and for a proof that there is none where no plan is found.
 
     Returns an outcome that is feasible with a plan that ``check_leap`` accepted, infeasible with a
-    certificate that ``check_certificate`` accepted, or undecided: with such a certificate, too, for a
-    robot with legs of its own, whose hips are not as fast to its centre of mass as the proof has them.
+    certificate that ``check_certificate`` accepted, or undecided.
     """
     begin, method = time.perf_counter(), method or LeapFinder()
     deadline = begin + time_limit_s
@@ -238,23 +237,21 @@ def find_leap(
         if time.perf_counter() > deadline:
             break
     tried = search.solves
-    certificate = certificate_of(search.proofs(deadline)) if method.proof else None
+    proves = method.proof and not leap.robot.own  # whose hips move with its legs
+    certificate = certificate_of(search.proofs(deadline)) if proves else None
     message = "no choice that was tried has a leap, and nothing is proved"
     if certificate is not None:
         certificate = certificate.of(leap)
         check = check_certificate(certificate)
         if not check.accepted:
             certificate, message = None, f"the proof was refused: {check.message}"
-        elif leap.robot.own:
-            message = "proved of one rigid body alone: legs that move shift its hips"
-    proved = certificate is not None and not leap.robot.own
     return Answer(
-        status=Status.INFEASIBLE if proved else Status.UNDECIDED,
+        status=Status.UNDECIDED if certificate is None else Status.INFEASIBLE,
         method=method.order,
         problem=leap,
         certificate=certificate,
         effort=search.effort(time.perf_counter() - begin),
-        message="" if proved else message,
+        message=message if certificate is None else "",
         details={"search_solves": float(tried)},
     )
 

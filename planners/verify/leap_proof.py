@@ -38,6 +38,7 @@ from .geometry import most_turned
 
 _MOST_GRIP = 3.0
 """An explanation looks no further."""
+_ONE_BODY = "a robot of one rigid body, got legs of its own, which shift its hips as they move"
 GUARD = 1e-7
 """A leaf's bound has to be above this, for multipliers of at most 1: far more than rounding."""
 
@@ -49,6 +50,7 @@ def check_leap_certificate(certificate: Certificate) -> Report[Certificate]:
     leap = certificate.refuted
     assert isinstance(leap, Leap)
     try:
+        expect(not leap.robot.own, _ONE_BODY)
         leaves = _replayed(leap, certificate)
         timed = [_Bounds(leap, timing) for timing in range(len(leap.timings_s))]
         bounds = np.array([timed[timing].parts(row).least(of) for timing, of, row in leaves])
@@ -78,16 +80,18 @@ class Refuter:
         refutes the choice.
 
         Returns shape (K,); −inf where there is no such timing, no such candidate, or a number that
-        is not finite. Multipliers are taken in units of the largest.
+        is not finite, and of a robot with legs of its own, whose hips move as they do. Multipliers
+        are taken in units of the largest.
 
         Arguments:
             choices: a candidate per foothold, shape (K, P).
         """
         nothing = np.full(len(choices), -np.inf)
         options = np.array([len(foothold.candidates) for foothold in self._leap.footholds])
-        if timing not in range(len(self._leap.timings_s)) or not np.isfinite(row).all():
+        if self._leap.robot.own or timing not in range(len(self._leap.timings_s)):
             return nothing
-        if choices.ndim != 2 or choices.shape[1] != len(options):
+        shaped = choices.ndim == 2 and choices.shape[1] == len(options)
+        if not (np.isfinite(row).all() and shaped):
             return nothing
         try:
             parts = self._weighed(timing, row / max(float(np.abs(row).max(initial=0.0)), 1e-300))

@@ -13,7 +13,7 @@ from stancekit import Answer, Certificate, Motion, Status, Way
 from stancekit.planners.answer.plan import LEAP_BODY
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.leap.crossing import cross, drawn_in, stretches, surface_of
-from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap
+from stancekit.planners.leap.finder import LeapFinder, LeapSearch, Picker, find_leap, tries_of
 from stancekit.planners.leap.numbers import LeapNumbers
 from stancekit.planners.leap.prove import (
     MARGIN,
@@ -195,6 +195,7 @@ def test_a_finder_refuses_settings_that_are_none(settings, message) -> None:
 @pytest.mark.parametrize("name", ["leap-hard", "leap-given", "leap-anymal"])
 def test_any_multipliers_have_the_bound_that_the_check_works_out_on_its_own(name) -> None:
     leap, rng = leap_class(name).draw(np.random.default_rng(2)), np.random.default_rng(5)
+    leap = replace(leap, robot=replace(leap.robot, model=None))  # one rigid body
     numbers = LeapNumbers.of(leap)
     size = sum(int(np.prod(shape)) for shape in shapes(numbers).values())
     for _ in range(3):
@@ -309,3 +310,15 @@ def test_a_straight_way_has_the_body_as_high_as_its_toes_are_below_it() -> None:
     np.testing.assert_allclose(
         straight("inner").com_nominal_m[:, 2], found("inner").com_nominal_m[:, 2], atol=0.03
     )
+
+
+def test_a_proof_of_one_rigid_body_says_nothing_of_a_robot_whose_hips_move_with_its_legs() -> None:
+    legged = leap_class("leap-anymal").draw(np.random.default_rng(0))
+    legged = replace(legged, timings_s=((0.32, 0.02, 0.32),))
+    body = replace(legged, robot=replace(legged.robot, model=None))
+    proof, answer = (find_leap(of, LeapFinder(solves=2)) for of in (body, legged))
+    assert (proof.status, answer.status) == (Status.INFEASIBLE, Status.UNDECIDED)
+    assert_names(check_certificate(proof.certificate.of(legged)).message, "legs of its own")
+    assert_names(explain(proof.certificate.of(legged)).message, "not explained")
+    made = [{one.status for one in tries_of(of, {"random": 2}, seed=0)} for of in (body, legged)]
+    assert made == [{Status.INFEASIBLE}, {Status.UNDECIDED}]
