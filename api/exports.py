@@ -23,6 +23,7 @@ class Exported:
         without: reason why it has no joints; empty if it has.
         open_loop: pace and gains at which it stood in MuJoCo without feedback of the body, or where
             it fell, as the file says, too; empty without joints.
+        doubts: those about its robot and its ground, one line each.
     Source:
         None.
 
@@ -36,6 +37,7 @@ class Exported:
     path: Path
     without: str = ""
     open_loop: str = ""
+    doubts: tuple[str, ...] = ()
 
 
 @checked
@@ -97,7 +99,9 @@ def export(
     moved = moved_of(motion, chosen, rate_hz, source)
     moved = replace(moved, open_loop=played(moved))
     write_moved(moved, chosen, path)
-    return Exported(path=path, without=moved.without, open_loop=moved.open_loop)
+    return Exported(
+        path=path, without=moved.without, open_loop=moved.open_loop, doubts=motion.doubts
+    )
 
 
 def read_accepted(path: Path) -> Motion[Any]:

@@ -56,10 +56,16 @@ class Export:
             done = export(self.subject, self.out, to=self.to, rate_hz=self.rate_hz)
         tell(
             self.json,
-            {"file": str(done.path), "without": done.without, "open_loop": done.open_loop},
+            {
+                "file": str(done.path),
+                "without": done.without,
+                "open_loop": done.open_loop,
+                "doubts": list(done.doubts),
+            },
             f"wrote {done.path}"
             + (f" without joints: {done.without}" if done.without else "")
             + (f"; open loop in MuJoCo: {done.open_loop}" if done.open_loop else ""),
+            *(f"doubt: {each}" for each in done.doubts),
         )
         return 0
 

@@ -250,6 +250,11 @@ def test_what_has_no_joints_leaves_as_far_as_it_is_known(walk: Motion) -> None:
         moved_of(boxes, "reference")
 
 
+def test_what_is_doubted_of_a_motion_is_said_as_it_leaves(plan: Motion, tmp_path: Path) -> None:
+    doubted = replace(plan, problem=replace(plan.problem, doubts=("2 holes in the map",)))
+    assert "2 holes in the map" in stancekit.export(doubted, tmp_path / "plan.csv").doubts
+
+
 def test_a_file_that_only_says_that_it_was_accepted_is_not_exported(
     plan: Motion, tmp_path: Path
 ) -> None:
