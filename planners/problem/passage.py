@@ -221,8 +221,8 @@ class Passage:
     doubts: tuple[str, ...] = field(default=(), metadata=LATER)
 
     def __post_init__(self) -> None:
-        for name in ("terrain", "footholds"):
-            object.__setattr__(self, name, checked_members(getattr(self, name), Patch, name))
+        for name, kind in (("terrain", Patch), ("footholds", Patch), ("doubts", str)):
+            object.__setattr__(self, name, checked_members(getattr(self, name), kind, name))
         for name in ("start_m", "goal_m"):
             object.__setattr__(self, name, read_only(getattr(self, name), (2,), name))
         object.__setattr__(self, "near_m", checked(self.near_m, "near_m", least=0.0))

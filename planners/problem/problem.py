@@ -163,6 +163,7 @@ class Problem:
             ),
             lambda: set_field(self, "lifts", _limb_sets(self.lifts)),
             lambda: set_field(self, "next_lift", checked_members(self.next_lift, str, "next_lift")),
+            lambda: set_field(self, "doubts", checked_members(self.doubts, str, "doubts")),
             lambda: checked_members((self.steps,), StepLimits, "steps"),
             lambda: self.weights is None or checked_members((self.weights,), Weights, "weights"),
             lambda: self.modes is None or set_field(self, "modes", _modes(self.modes)),

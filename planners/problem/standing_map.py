@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, archive_of
-from ..files.documents import parse_json, read_bytes
+from ..files.documents import parse_json, read_bytes, validated
 from ..files.writing import write_bytes
 from ..terrain.patch import Frame
 
@@ -277,7 +277,7 @@ class StandingMap:
                 "seconds": {str(k): float(v) for k, v in dict(head["seconds"]).items()},
                 "card": dict(head["card"]),
                 "options": dict(head.get("options", {})),
-                "doubts": tuple(map(str, head.get("doubts", ()))),
+                "doubts": tuple(validated(list[str], head.get("doubts", []), "doubts")),
             }
             return cls(headings_rad=headings, corner_m=corner, spacing_m=spacing, **parts)
         except _DAMAGED as error:

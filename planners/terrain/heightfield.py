@@ -20,7 +20,7 @@ from scipy.sparse.linalg import splu
 
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_name, read_only
+from ..files.arrays import Array, checked, checked_members, checked_name, read_only
 from .patch import Patch
 from .polygon import EDGE_M, UPRIGHT, VOID_M, nearest
 
@@ -195,6 +195,8 @@ class HeightField:
         if not isinstance(self.name, str) or self.name:
             checked_name(self.name, "name")
         where = self.name or "terrain"
+        doubts = checked_members(self.doubts, str, f"{where}: doubts")
+        object.__setattr__(self, "doubts", doubts)
         for axis in ("x_m", "y_m"):
             object.__setattr__(self, axis, grid_lines(getattr(self, axis), f"{where}: {axis}"))
         try:

@@ -154,6 +154,7 @@ def forged(tmp_path: Path, **changes: object) -> Path:
         {"head": changed(friction=math.nan)},
         {"head": np.array(str(changed()).replace('"spacing_m": 0.1', '"spacing_m": 1e999'))},
         {"head": changed(error=None)},
+        {"head": changed(doubts="no lines of texts")},
         {
             name: np.zeros((0, 3, 2), dtype=kind)
             for name, kind in (("verdict", "u1"), ("limit", "u1"), ("margin", "f4"), ("z_m", "f4"))

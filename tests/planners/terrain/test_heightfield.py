@@ -203,6 +203,7 @@ HOLED = np.where(np.eye(5) > 0, np.nan, 0.0)
             lambda: HeightField.from_array(HOLED, name="holed"),
             "heights_m",
         ),
+        (lambda: HeightField(FOUR, FOUR, LEVEL, doubts="unsure"), "doubts"),
         (
             lambda: reference_terrain("moon"),
             "terrain",
