@@ -51,6 +51,8 @@ _LIFT_S = 0.05
 """A foot that leaves the ground does so for longer."""
 _WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
+_LASTS_S, _LASTING = 1.0, 4.0
+"""What lasts so long counts so many times: a body topples by it."""
 _EDGES = 8
 """Edges of the pyramid in a friction cone."""
 _NARROW_M = 0.01
@@ -139,7 +141,8 @@ class _MotionLimits:
         contact_gap_m, penetration_m: of a foot that stands, of any foot.
         slip_m: of a standing foot since it came down, of its point of contact, rolling left out, or
             of its centre: whichever moved less.
-        balance: what no forces in the cones give, mean over ``_WINDOW_S``.
+        balance: what no forces in the cones give, mean over ``_WINDOW_S``, and ``_LASTING`` times
+            that over ``_LASTS_S``.
         forces: the same of the forces of the table, which may be those of a body at rest.
         cone, swing_force: of the table's forces, outside of cones, and on feet that do not stand.
         bodies_m: of a link in another or in the terrain.
@@ -445,7 +448,10 @@ class _Measured:
         """Part of the force and moment that the motion needs and that no forces within the cones
         give, (T − 2,).
         """
-        return _worst(self._windowed(self._lacks), (), self.times_s[1:-1])
+        whole = min(1.0, len(self.times_s) * self.step_s / _LASTS_S)
+        lasting = _LASTING * whole * self._windowed(self._lacks, _LASTS_S)
+        worst = np.maximum(self._windowed(self._lacks), lasting)
+        return _worst(worst, (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
         """Part of the force and moment that the motion needs and that the table's forces lack, (T −
@@ -640,11 +646,11 @@ class _Measured:
             lacks[k] = nnls(columns[k, carries[k]].reshape(-1, 6).T, needed[k])[1]
         return np.asarray(lacks)
 
-    def _windowed(self, series: Array) -> Array:
-        """The mean over ``_WINDOW_S`` about each row, shape (T, …) as the series."""
+    def _windowed(self, series: Array, over_s: float = _WINDOW_S) -> Array:
+        """The mean over so long about each row, shape (T, …) as the series."""
         if series.ndim > 1:
-            return np.stack([self._windowed(column) for column in series.T], axis=-1)
-        count = max(1, min(len(series), round(_WINDOW_S / self.step_s)))
+            return np.stack([self._windowed(column, over_s) for column in series.T], axis=-1)
+        count = max(1, min(len(series), round(over_s / self.step_s)))
         sums = np.convolve(series, np.ones(count), mode="valid") / count
         left = (len(series) - len(sums)) // 2
         return np.pad(sums, (left, len(series) - len(sums) - left), mode="edge")

@@ -104,6 +104,35 @@ def test_a_body_beside_its_feet_tips_over(moved: Moved) -> None:
     assert "balance" in [group.name for group in report.refused]
 
 
+@pytest.mark.parametrize(("beyond_m", "held"), [(0.003, True), (0.03, False)])
+def test_a_robot_at_rest_does_not_lean_beyond_its_feet_for_seconds(
+    moved: Moved, beyond_m: float, held: bool
+) -> None:
+    still = {name: np.array(each[:1] + 0 * each) for name, each in moved.table.columns.items()}
+    still["contact"] = np.tile([True, True, True, False], (len(still["origin_m"]), 1))
+    first, last = still["feet_m"][0, [1, 2], :2]  # the long side of the three feet that stand
+    along = (last - first) / np.linalg.norm(last - first)
+    out = np.array([along[1], -along[0]])
+    out *= np.sign((still["feet_m"][0, 3, :2] - first) @ out)
+    way = (beyond_m - (still["com_m"][0, :2] - first) @ out) * out
+    kinematics, turn = Kinematics(moved.robot), moved.table.rotation[0]
+    for _ in range(20):  # the centre of mass moves in the body, too
+        feet = (still["feet_m"][0] - still["origin_m"][0] - [*way, 0.0]) @ turn
+        angles = kinematics.reach(feet, still["angles_rad"][0], still["angles_rad"][0])[0]
+        com = still["origin_m"][0] + [*way, 0.0] + turn @ kinematics.com_offset(angles)
+        way += (beyond_m - (com[:2] - first) @ out) * out
+    still["angles_rad"][:] = angles
+    still["origin_m"] += [*way, 0.0]
+    names = ("angles_rad", "origin_m", "quaternion", "contact")
+    columns = {"time_s": moved.table.time_s} | {name: still[name] for name in names}
+    table = replace(moved.table, columns=columns)
+    group = judged(table, moved).group("balance")
+    # the least of force and moment that are missing leans on friction, too, as far below as the feet
+    heights_m = np.array([moved.robot.legs.stand_height_m, com[2]])
+    assert group.value == pytest.approx(4.0 * beyond_m / np.linalg.norm(heights_m), rel=0.05)
+    assert (group.verdict == "holds") == held
+
+
 def test_a_body_that_is_too_low_has_its_feet_in_the_ground(moved: Moved) -> None:
     _, origin = arrays(moved.table)
     report = judged(
