@@ -30,7 +30,7 @@ from ..motion.motion import MotionTable, one_sided
 from ..physics import GRAVITY_M_S2
 from ..robot.inverse_kinematics import WholeBody
 from ..robot.kinematics import Kinematics
-from ..robot.leg import small_turns
+from ..robot.leg import FootSole, small_turns
 from ..robot.model import Robot
 from ..terrain.heightfield import HeightField
 from ..terrain.obstacles import Ground, Obstacles
@@ -200,7 +200,7 @@ def check_motion(
     places = [array for name, array in table.arrays().items() if name in _PLACES]
     coarsest = max((grain(array) for array in places if np.ptp(array, axis=0).any()), default=0.0)
     rounded = f"the file's numbers are rounded to {coarsest:g}" if coarsest > _COARSEST else ""
-    unsure = getattr(terrain, "doubt", "") or (_ON_SOLES if kinematics.soles else "")
+    unsure = getattr(terrain, "doubt", "")
     groups = []
     for name, unit in _UNITS.items():
         if COLUMNS.get(name, "time_s") not in measured.known:
@@ -323,7 +323,7 @@ class _Measured:
             if lacks := [_WITHOUT[column] for column in columns if column not in self.known]:
                 self.missing[name] = lacks[0]
         if kinematics.soles:
-            self.missing |= dict.fromkeys(("balance", "forces", "effort"), _ON_SOLES)
+            self.missing |= dict.fromkeys(("forces", "effort"), _ON_SOLES)
         if len(self.times_s) < 3:
             self.missing |= dict.fromkeys(_OF_THREE, "fewer than three rows")
         if "quaternion" in self.known:
@@ -414,11 +414,11 @@ class _Measured:
 
     def contact_gap(self) -> _Worst:
         """Distance to the terrain of feet that are said to stand, (T, N)."""
-        return _worst(np.where(self.stands, self.surface[0], 0.0), self.limbs, self.times_s)
+        return _worst(np.where(self.stands, self._gaps, 0.0), self.limbs, self.times_s)
 
     def penetration(self) -> _Worst:
         """Depth of feet in the terrain, (T, N)."""
-        return _worst(-self.surface[0], self.limbs, self.times_s)
+        return _worst(-self._gaps, self.limbs, self.times_s)
 
     def slip(self) -> _Worst:
         """Slip of feet along the terrain since they came down, (T, N).
@@ -426,23 +426,21 @@ class _Measured:
         A ball that rolls by a small turn ω moves by ω × r n; what its centre moves beside that is
         how far the point of contact slid. Planners that take feet for points keep the centre where
         it is. One of the two holds for all feet of a motion, the one with the smaller largest slip:
-        a foot that rolls beside one that spins in place slips by either.
+        a foot that rolls beside one that spins in place slips by either. Of a sole it is the spot
+        that slid farthest.
         """
-        centres, turns = self._feet
         normals = self.surface[1]
-        radii = self.kinematics.radii_m[:, None]
-        moved = np.diff(centres, axis=0)
-        both = np.stack(
-            [moved - radii * cross(small_turns(turns), normals[1:]), moved]
-        )  # (2, T − 1, N, 3)
+        radii = self.kinematics.radii_m[:, None, None]
+        moved, turns = np.diff(self._spots, axis=0), small_turns(self._feet[1])[:, :, None]
+        both = np.stack([moved - radii * cross(turns, normals[1:]), moved])  # (2, T − 1, N, K, 3)
         both = both - np.sum(both * normals[1:], axis=-1, keepdims=True) * normals[1:]
-        far, total = np.zeros((2, *self.stands.shape)), np.zeros((2, *centres.shape[1:]))
-        held = self._held
+        held = self._held[..., None] & self._near
+        far, total = np.zeros((2, *held.shape)), np.zeros((2, *moved.shape[1:]))
         stays = held[1:] & held[:-1]
         for k in range(both.shape[1]):
-            total = np.where(stays[k][:, None], total + both[:, k], 0.0)
+            total = np.where(stays[k][..., None], total + both[:, k], 0.0)
             far[:, k + 1] = np.linalg.norm(total, axis=-1)
-        return _worst(min(far, key=np.max), self.limbs, self.times_s)
+        return _worst(min(far, key=np.max).max(axis=-1), self.limbs, self.times_s)
 
     def balance(self) -> _Worst:
         """Part of the force and moment that the motion needs and that no forces within the cones
@@ -465,13 +463,14 @@ class _Measured:
         """Distance of the table's forces from their cones, the nearer one where a foot touches two
         surfaces, (T, N).
         """
-        forces, outside = self.known["forces_n"], np.full(self.stands.shape, np.inf)
+        forces, outside = self.known["forces_n"][:, :, None], np.full(self._near.shape, np.inf)
         for gap, normals, friction in (self.surface, self._beside):
             along = np.sum(forces * normals, axis=-1)
             across = np.linalg.norm(forces - along[..., None] * normals, axis=-1)
             lacks = np.maximum(across - friction * along, -along) / self.weight_n
-            outside = np.minimum(outside, np.where(np.isinf(gap), np.inf, lacks))
-        return _worst(np.where(self.stands, outside, 0.0), self.limbs, self.times_s)
+            outside = np.minimum(outside, np.where(np.isfinite(gap) & self._near, lacks, np.inf))
+        outside = np.where(self.stands, outside.min(axis=-1), 0.0)
+        return _worst(outside, self.limbs, self.times_s)
 
     def swing_force(self) -> _Worst:
         """The table's forces on feet that do not stand, (T, N)."""
@@ -522,30 +521,53 @@ class _Measured:
         return centres, np.einsum("tij,tnjk->tnik", rotation, turns)
 
     @cached_property
-    def surface(self) -> tuple[Array, Array, Array]:
-        """Gap, normal and friction of the terrain nearest to each foot, shape (T, N), (T, N, 3),
-        (T, N).
+    def _spots(self) -> Array:
+        """Centres of feet that are balls, and spots all over those that are soles, shape (T, N, K,
+        3).
         """
-        centres = self._feet[0]
-        radii = np.broadcast_to(self.kinematics.radii_m, centres.shape[:2])
-        gap, normal, friction = nearest(self.terrain, centres.reshape(-1, 3), radii.ravel())
-        return (
-            gap.reshape(centres.shape[:2]),
-            normal.reshape(centres.shape),
-            friction.reshape(centres.shape[:2]),
+        centres, turns = self._feet
+        soles = [leg.sole for leg in self.kinematics.model.legs]
+        over = [np.zeros((1, 3)) if it is None else _all_over(it) for it in soles]
+        most = max(map(len, over))
+        arms = [np.pad(each, ((0, most - len(each)), (0, 0)), mode="edge") for each in over]
+        return np.asarray(centres[:, :, None] + np.einsum("tnij,nkj->tnki", turns, arms))
+
+    @cached_property
+    def _radii(self) -> Array:
+        """Radius at each spot, shape (T, N, K)."""
+        return np.broadcast_to(self.kinematics.radii_m[:, None], self._spots.shape[:3])
+
+    @cached_property
+    def surface(self) -> tuple[Array, Array, Array]:
+        """Gap, normal and friction of the terrain nearest to each spot of the feet, shape (T, N,
+        K), (T, N, K, 3), (T, N, K).
+        """
+        shape = self._spots.shape
+        gap, normal, friction = nearest(
+            self.terrain, self._spots.reshape(-1, 3), self._radii.ravel()
         )
+        return gap.reshape(shape[:3]), normal.reshape(shape), friction.reshape(shape[:3])
+
+    @property
+    def _gaps(self) -> Array:
+        """Distance of each foot from the terrain, shape (T, N)."""
+        return np.asarray(self.surface[0].min(axis=-1))
+
+    @cached_property
+    def _near(self) -> NDArray[np.bool_]:
+        """Tell which spots touch where their foot stands, of a sole those on the ground, shape (T,
+        N, K).
+        """
+        balls = np.array([[leg.sole is None] for leg in self.kinematics.model.legs])
+        return np.asarray(balls | (self.surface[0] <= self.limits.contact_gap_m))
 
     @cached_property
     def _beside(self) -> tuple[Array, Array, Array]:
         """Gap, normal and friction of the nearest surface that leans otherwise and is touched, too;
         the gap is infinite without one.
         """
-        centres = self._feet[0]
         gap, normal, friction = (np.array(each) for each in self.surface)
-        flat, radii = (
-            centres.reshape(-1, 3),
-            np.broadcast_to(self.kinematics.radii_m, centres.shape[:2]).ravel(),
-        )
+        flat, radii = self._spots.reshape(-1, 3), self._radii.ravel()
         first, second = normal.reshape(-1, 3), np.full(len(flat), np.inf)
         normals, frictions = first.copy(), friction.reshape(-1).copy()
         for patch in () if isinstance(self.terrain, Ground) else self.terrain:
@@ -565,9 +587,9 @@ class _Measured:
         """Tell which feet stand, by the file or by the distance, shape (T, N)."""
         if "contact" in self.known:
             return np.asarray(self.known["contact"])
-        gap = self.surface[0]
+        gap = self._gaps
         slow = np.abs(np.gradient(gap, self.step_s, axis=0)) <= _STILL_M_S
-        speed, normals = np.gradient(self._feet[0], self.step_s, axis=0), self.surface[1]
+        speed, normals = np.gradient(self._feet[0], self.step_s, axis=0), self._normals
         along = speed - np.sum(speed * normals, axis=-1, keepdims=True) * normals
         return np.asarray((gap <= _GAP_M) & slow & (np.linalg.norm(along, axis=-1) <= _SLIDES_M_S))
 
@@ -576,7 +598,7 @@ class _Measured:
         """Which feet stand, or are said to be off for less than ``_LIFT_S`` and never leave the
         ground meanwhile, shape (T, N).
         """
-        held, near = self.stands.copy(), self.surface[0] <= _GAP_M
+        held, near = self.stands.copy(), self._gaps <= _GAP_M
         for foot in range(held.shape[1]):
             for first, last in pairwise(np.flatnonzero(held[:, foot]).tolist()):
                 if (last - first) * self.step_s <= _LIFT_S:
@@ -586,7 +608,12 @@ class _Measured:
     @cached_property
     def _points(self) -> Array:
         """Points where feet touch, a radius below their centres, shape (T, N, 3)."""
-        return np.asarray(self._feet[0] - self.kinematics.radii_m[:, None] * self.surface[1])
+        return np.asarray(self._feet[0] - self.kinematics.radii_m[:, None] * self._normals)
+
+    @property
+    def _normals(self) -> Array:
+        """Normals of the terrain under the first spots of the feet, shape (T, N, 3)."""
+        return self.surface[1][:, :, 0]
 
     @cached_property
     def _body(self) -> MovingBodyMeasurements:
@@ -596,7 +623,7 @@ class _Measured:
             origin_m=self.known["origin_m"],
             angles=self.angles,
             toes_m=self._points,
-            normals=self.surface[1],
+            normals=self._normals,
             stands=self.stands,
         )
         return MovingBodyMeasurements(
@@ -635,14 +662,15 @@ class _Measured:
 
         parts = []
         for gap, normals, friction in (self.surface, self._beside):
-            arms = self._feet[0] - self.kinematics.radii_m[:, None] * normals - self._com[:, None]
-            edges = _cones(normals, friction)  # (T, N, EDGES, 3)
-            columns = np.concatenate([edges, cross(arms[:, :, None], edges)], axis=-1) * self._scale
-            parts.append((self.stands & np.isfinite(gap), columns))
+            arms = self._spots - self._radii[..., None] * normals - self._com[:, None, None]
+            edges = _cones(normals, friction)  # (T, N, K, EDGES, 3)
+            columns = np.concatenate([edges, cross(arms[..., None, :], edges)], axis=-1)
+            touches = self.stands[..., None] & self._near & np.isfinite(gap)
+            parts.append((touches, columns * self._scale))
         carries, columns = (np.concatenate(part, axis=1)[1:-1] for part in zip(*parts, strict=True))
         needed = self._needed * self._scale
         lacks = np.linalg.norm(needed, axis=1)
-        for k in np.flatnonzero(carries.any(axis=1)):
+        for k in np.flatnonzero(carries.any(axis=(1, 2))):
             lacks[k] = nnls(columns[k, carries[k]].reshape(-1, 6).T, needed[k])[1]
         return np.asarray(lacks)
 
@@ -654,6 +682,14 @@ class _Measured:
         sums = np.convolve(series, np.ones(count), mode="valid") / count
         left = (len(series) - len(sums)) // 2
         return np.pad(sums, (left, len(series) - len(sums) - left), mode="edge")
+
+
+def _all_over(sole: FootSole) -> Array:
+    """Its corners, the middles of its edges, spots half as far from its middle, and that, from there
+    in the last joint's axes, shape (K, 3).
+    """
+    border = np.concatenate([sole.points_m, 0.5 * (sole.points_m + np.roll(sole.points_m, 1, 0))])
+    return np.concatenate([border, 0.5 * border, np.zeros((1, 2))]) @ sole.rotation[:, :2].T
 
 
 def _off(values: Array, between: Array) -> Array:

@@ -11,12 +11,13 @@ from stancekit import Motion
 from stancekit.planners.formats.table_file import read_table
 from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.leg import FootContact
+from stancekit.planners.robot.leg import FootContact, rotations_of
 from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.reach_sets import limbs_over
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot
 from stancekit.planners.search.friction_margin import narrowed
+from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.motions import check_motion
 from tests.planners.robot.small_urdfs import biped
@@ -86,16 +87,46 @@ def test_no_corner_of_a_sole_is_beyond_the_terrain_whatever_its_footholds_say(
         assert (report.accepted, report.group("terrain").verdict == "holds") == (held, held)
 
 
-def test_motions_on_soles_are_judged_as_far_as_it_is_known_where_they_press(
+def test_motions_on_soles_are_judged_by_all_of_them_and_not_by_their_middles(
     walked: Motion, tmp_path: Path
 ) -> None:
     done = stancekit.export(walked, tmp_path / "walk.csv", rate_hz=50.0)
     table, robot = read_table(done.path), robot_of(model_of(biped()))
-    report = check_motion(table, robot, walked.problem.terrain)
+    ground, sides = walked.problem.terrain[0], walked.toes_m[:, 1]
+
+    def strips(inward_m: float, outward_m: float) -> list[Patch]:
+        """Ground under both feet alone, from so far inside of their middles to so far outside."""
+        made = []
+        for side in (1.0, -1.0):
+            y = side * np.array([sides[side * sides > 0.0] * side]).mean()
+            low, high = sorted([y - side * inward_m, y + side * outward_m])
+            corners = np.array([[-1, low, 0], [1, low, 0], [1, high, 0], [-1, high, 0]])
+            made.append(replace(ground, vertices_m=corners))
+        return made
+
+    def failed(**columns: np.ndarray) -> set[str]:
+        of = table.with_columns(**columns)
+        return {g.name for g in check_motion(of, robot, [ground]).groups if g.verdict == "violated"}
+
+    report = check_motion(table, robot, [ground])
     assert report.accepted
-    assert {"contact_gap", "balance", "effort"} <= {
-        group.name for group in report.groups if group.verdict == "not checked"
-    }
+    assert all(report.group(name).verdict == "holds" for name in ("contact_gap", "balance", "slip"))
+    assert report.group("effort").verdict == "not checked"  # where they press is not said
+    for inward_m, outward_m, held in ((0.045, 0.05, True), (-0.02, 0.1, False)):
+        said = check_motion(table, robot, strips(inward_m, outward_m)).group("balance")
+        assert (said.verdict == "holds") == held
+    first = {name: np.array(each[:1] + 0 * each) for name, each in table.columns.items()}
+    first["time_s"] = table.time_s
+    turned = np.linspace(0.0, 0.2, len(first["contact"]))  # about a foot's middle, both feet down
+    about = table.columns["feet_m"][:1, 0]
+    spun = rotations_of(np.outer(turned, [0.0, 0.0, 1.0]))
+    first["origin_m"] = about + np.einsum("tij,tj->ti", spun, first["origin_m"] - about)
+    first["quaternion"] = np.outer(np.cos(turned / 2), [1, 0, 0, 0.0])
+    first["quaternion"][:, 3] = np.sin(turned / 2)
+    assert "slip" in failed(**first)
+    angles = np.array(table.columns["angles_rad"])
+    angles[:, 5] += 0.15
+    assert "penetration" in failed(angles_rad=angles)
 
 
 def test_ankles_bear_the_moments_of_forces_at_the_corners_of_soles(walked: Motion) -> None:
