@@ -185,6 +185,8 @@ def with_body(report: Report[LeapPlan]) -> Report[LeapPlan]:
 _INSTANTS = 17
 _TOLERANCE = 1e-3
 """Largest violation that is accepted, without unit."""
+_SPIN_M2_S = 0.1
+"""Momentum that violations of it are measured in at most, whatever a leap allows on its way."""
 _UNJUDGED = "its legs are not judged: its robot has limbs alone"
 """Said of a leap whose robot has no legs of its own."""
 _UNITS = {
@@ -207,7 +209,7 @@ _UNITS = {
     "power": ("W", 1.0),
 }
 """Unit of each group in SI, and what 1 of its non-dimensional violation is in it: forces are in
-units of the weight, momenta in those of their limit, power in those of the weight times m/s."""
+units of the weight, momenta in those of their limit, or ``_SPIN_M2_S``, power in those of the weight times m/s."""
 
 
 def check_leap(plan: LeapPlan, *, body: bool = False) -> Report[LeapPlan]:
@@ -272,6 +274,7 @@ class _Judge:
         robot, self.phase = self.leap.robot, self.leap.interval_phases
         assert robot.inertia is not None
         self.spin = np.linalg.inv(robot.inertia / robot.mass_kg)
+        self.unit_m2_s = min(self.limits.momentum_m2_s, _SPIN_M2_S)
         self.holds = self.leap.holds[self.phase]
         self.k, self.i = np.nonzero(self.holds >= 0)
         self.toes = plan.toes_m[self.holds[self.k, self.i]]
@@ -322,18 +325,18 @@ class _Judge:
 
     def _ends(self) -> None:
         """Start, goal and rest."""
-        leap, limit = self.leap, self.limits.momentum_m2_s
+        leap, unit = self.leap, self.unit_m2_s
         com, speed, momentum, turn = self.states[-1]
         away = float(np.linalg.norm(com - leap.goal.com_m)) - leap.goal_radius_m
         self.worst.note("goal", away, self.last)
         self.worst.note("rest", np.abs(speed - leap.goal.velocity_m_s), self.last)
         self.worst.note(
-            "momentum", np.abs(momentum - leap.goal.momentum_m2_s), self.last, scale=limit
+            "momentum", np.abs(momentum - leap.goal.momentum_m2_s), self.last, scale=unit
         )
         self.worst.note("tilt", np.abs(turn) - self.limits.goal_tilt_rad, self.last)
         for k in np.array([0, self.last])[list(leap.still)].tolist():
             self.worst.note("rest", np.abs(self.paths[k, :, 1]), k)
-            self.worst.note("momentum", np.abs(self.paths[k, :, 2]), k, scale=limit)
+            self.worst.note("momentum", np.abs(self.paths[k, :, 2]), k, scale=unit)
 
     def _claims(self) -> None:
         """Check the plan's c, v, L and Θ at the ends of intervals."""
@@ -342,7 +345,7 @@ class _Judge:
         away = np.abs(np.stack(says, axis=1) - self.states)
         self.worst.note("motion", away[:, 0], at)
         self.worst.note("rest", away[:, 1], at)
-        self.worst.note("momentum_balance", away[:, 2], at, scale=self.limits.momentum_m2_s)
+        self.worst.note("momentum_balance", away[:, 2], at, scale=self.unit_m2_s)
         self.worst.note("rotation", away[:, 3], at)
         self.worst.note("start", away[0], 0)
 
@@ -367,7 +370,9 @@ class _Judge:
         """Tilt at all instants, L at the end of the interval."""
         limit, each = self.limits.momentum_m2_s, np.arange(self.last + 1)
         self.worst.note("tilt", np.abs(self.paths[:, :, 3]) - self.limits.tilt_rad, each)
-        self.worst.note("momentum", np.abs(self.paths[:, -1, 2]) - limit, each, scale=limit)
+        self.worst.note(
+            "momentum", np.abs(self.paths[:, -1, 2]) - limit, each, scale=self.unit_m2_s
+        )
 
     def _limbs(self) -> None:
         """Reach, height, length, speed and power of limbs that stand, at all instants."""

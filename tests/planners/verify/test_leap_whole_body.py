@@ -122,6 +122,24 @@ def test_joints_without_limits_are_not_checked_by_them(plan: Motion, was: str, g
     assert_names(report.group("torque").message, "limit")
 
 
+def test_a_body_that_still_spins_after_its_leap_is_refused_whatever_spin_the_leap_allows(
+    plan: Motion,
+):
+    leap, forces = plan.problem, np.array(plan.forces_n)
+    more = np.array([1.0, -1.0, 1.0, -1.0])[:, None] * [0.0, 0.0, 1.0]  # left and right, 1 N each
+    forces[-1] += more
+    step_s, toes = leap.timings_s[0][-1] / leap.phases[-1].intervals, plan.toes_m[leap.holds[-1]]
+    gained = step_s * np.cross(toes, more).sum(axis=0)
+    momentum, turn = np.array(plan.momentum_m2_s), np.array(plan.rotation_rad)
+    momentum[-1] += gained / leap.robot.mass_kg
+    turn[-1] += 0.5 * step_s * np.linalg.solve(leap.robot.inertia, gained)
+    limits = replace(leap.limits, momentum_m2_s=1e6)
+    leap = replace(leap, limits=limits)
+    assert check_leap(replace(plan, problem=leap), body=True).accepted
+    spun = replace(plan, problem=leap, forces_n=forces, momentum_m2_s=momentum, rotation_rad=turn)
+    assert [group.name for group in check_leap(spun).refused] == ["momentum"]
+
+
 def test_a_leap_of_microseconds_is_refused_in_words(plan: Motion):
     leap = replace(plan.problem, timings_s=((1e-6, 1e-6, 1e-6),))
     report = check_leap(replace(plan, problem=leap), body=True)
