@@ -421,6 +421,11 @@ def walker_of(
             "walks of bipeds and of "
             "eight legs are not planned yet, key frames are (stancekit plan)"
         )
+    if any(leg.sole is not None for leg in model.legs):
+        raise InvalidInput(
+            f"robot {model.name}: expected feet that are balls for a walk, got soles: walks on them "
+            "are not planned yet, key frames are (stancekit plan)"
+        )
     measured = workspaces_of(model) if workspaces is None else workspaces
     toes = standing_toes(model)
     inner = list[Polytope]()

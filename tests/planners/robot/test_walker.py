@@ -11,6 +11,7 @@ import pytest
 from stancekit.planners.answer.trajectory import robot_from_json
 from stancekit.planners.robot.hulls import Polytope
 from stancekit.planners.robot.inverse_kinematics import InverseKinematics
+from stancekit.planners.robot.leg import FootContact
 from stancekit.planners.robot.model import Robot, hexapod
 from stancekit.planners.robot.robot_file import drawn_urdf, named_robot
 from stancekit.planners.robot.robot_model import model_of
@@ -177,6 +178,9 @@ def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
         named_walker(tmp_path / "robot.yaml")
 
 
+SOLE = FootContact(point_m=np.zeros(3), sole_m=np.array([[0.04, 0], [-0.04, 0.04], [-0.04, -0.04]]))
+
+
 @pytest.mark.parametrize(
     ("text", "options", "name"),
     [
@@ -198,6 +202,7 @@ def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
             "leg",
         ),
         (quadruped().replace("<box", "<none"), {}, "trunk_half_m"),
+        (quadruped(), {"contacts": {"*_FOOT": SOLE}}, "a walk, got soles"),
     ],
 )
 def test_robots_that_cannot_walk_are_refused_in_one_line(
