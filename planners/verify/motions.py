@@ -469,7 +469,7 @@ class _Measured:
             across = np.linalg.norm(forces - along[..., None] * normals, axis=-1)
             lacks = np.maximum(across - friction * along, -along) / self.weight_n
             outside = np.minimum(outside, np.where(np.isfinite(gap) & self._near, lacks, np.inf))
-        outside = np.where(self.stands, outside.min(axis=-1), 0.0)
+        outside = np.where(self.stands & self._near.any(axis=-1), outside.min(axis=-1), 0.0)
         return _worst(outside, self.limbs, self.times_s)
 
     def swing_force(self) -> _Worst:

@@ -124,6 +124,7 @@ def test_motions_on_soles_are_judged_by_all_of_them_and_not_by_their_middles(
     first["quaternion"] = np.outer(np.cos(turned / 2), [1, 0, 0, 0.0])
     first["quaternion"][:, 3] = np.sin(turned / 2)
     assert "slip" in failed(**first)
+    assert failed(contact=table.columns["contact"] | True) == {"contact_gap"}
     angles = np.array(table.columns["angles_rad"])
     angles[:, 5] += 0.15
     assert "penetration" in failed(angles_rad=angles)
