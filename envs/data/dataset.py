@@ -486,8 +486,18 @@ class Dataset:
         return Summary.of(self.ledger)
 
     def select(self, indices: ArrayLike) -> Dataset:
-        """The data set of these rows."""
-        return replace(self, chosen=self.chosen[np.asarray(indices, dtype=np.intp)], _open={})
+        """The data set of these rows, by their numbers or by a mask, as NumPy takes them.
+
+        Raises InvalidInput for anything else.
+        """
+        rows = np.asarray(indices)
+        try:
+            chosen = self.chosen[rows if rows.size else rows.astype(np.intp)]
+        except IndexError as error:
+            raise InvalidInput(
+                f"indices: expected numbers of rows or a mask of {len(self)}: {error}"
+            ) from None
+        return replace(self, chosen=np.atleast_1d(chosen), _open={})
 
     def only(self, part: Part) -> Dataset:
         """The rows of "train", of "test", two in ten, or of "calibration", one in ten, by a hash of

@@ -525,6 +525,16 @@ def test_what_is_no_pool_is_refused_in_one_line(balanced, natural, tmp_path):
         dataset.only("both")
 
 
+def test_rows_are_chosen_by_numbers_or_by_a_mask(data):
+    mask = data.labels == "feasible"
+    assert np.array_equal(data.select(mask).chosen, data.chosen[data.feasible])
+    assert set(data.select(mask.tolist()).labels) == {"feasible"}
+    assert data.select(5).chosen.tolist() == [data.chosen[5]]
+    for wrong in (mask[:-1], [len(data)], [0.7], ["feasible"]):
+        with refuses("indices", str(len(data))):
+            data.select(wrong)
+
+
 def test_rows_that_were_learned_from_are_refused(balanced):
     dataset = Dataset.open(balanced)
     train, test, held = (dataset.only(part) for part in ("train", "test", "calibration"))
