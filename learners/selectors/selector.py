@@ -192,13 +192,16 @@ def _own_selector(name: str) -> Learned:
     )
 
 
-def fitted(selector: Any, method: str, problem_class: str) -> Learned:
+def fitted(selector: Any, method: str, problem_class: str, origin: Mapping[str, Any]) -> Learned:
     """The selector that a fitting method returned.
+
+    Arguments:
+        origin: of the rows that one from elsewhere has learned from.
 
     Raises InvalidInput if the method returned neither envelopes nor a selector.
     """
     if of_file(selector) and callable(getattr(selector, "predict", None)):
-        selector = _OwnSelector(selector, method, problem_class)
+        selector = _OwnSelector(selector, method, problem_class, origin)
     return Learned.of(selector, method, problem_class)
 
 
@@ -213,9 +216,16 @@ class _OwnSelector:
     Arguments:
         name: what messages call it.
         problem_class: where it does not say its own.
+        origin: what it was learned from, as far as it does not say so itself.
     """
 
-    def __init__(self, found: Any, name: str, problem_class: str = ANY) -> None:
+    def __init__(
+        self,
+        found: Any,
+        name: str,
+        problem_class: str = ANY,
+        origin: Mapping[str, Any] = MappingProxyType({}),
+    ) -> None:
         self._found, self._name = found, name
         self.problem_class = str(getattr(found, "problem_class", problem_class))
         parameters = inspect.signature(found.predict).parameters.values()
@@ -223,7 +233,7 @@ class _OwnSelector:
         self._takes = None if everything else {one.name for one in parameters}
         self.boxes = int(getattr(found, "boxes", 1))
         self.relaxation = getattr(found, "relaxation", "p1")
-        self.provenance = dict(getattr(found, "provenance", {}))
+        self.provenance = {**origin, **getattr(found, "provenance", {})}
 
     def predict(
         self,
@@ -274,13 +284,14 @@ class _OwnSelector:
             )
 
     def __reduce__(self) -> tuple[Any, ...]:
+        known = self._name, self.problem_class, self.provenance
         if of_file(self._found):
-            return _unpacked, (packed(self._found), self._name, self.problem_class)
-        return _OwnSelector, (self._found, self._name, self.problem_class)
+            return _unpacked, (packed(self._found), *known)
+        return _OwnSelector, (self._found, *known)
 
 
-def _unpacked(found: bytes, name: str, problem_class: str) -> _OwnSelector:
-    return _OwnSelector(pickle.loads(found), name, problem_class)
+def _unpacked(found: bytes, *known: Any) -> _OwnSelector:
+    return _OwnSelector(pickle.loads(found), *known)
 
 
 def load_selector(path: str | Path) -> Learned:

@@ -23,6 +23,7 @@ from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.executors import Executor
+from ..data.labelling import check_unseen
 from ..leaps.kinds import KINDS
 from ..selectors.genetic import (
     BoxDescent,
@@ -315,9 +316,13 @@ def learn(
     """Learn by any method: one of ``METHODS``, or "FILE.py:NAME".
 
     The arguments are those of ``FitRequest``. Raises InvalidInput where the data set lacks what the
-    method needs.
+    method needs, and for a calibration on rows of it. What a method from elsewhere learns has seen
+    the data set, too.
     """
     datasets = (dataset,) if isinstance(dataset, Dataset) else tuple(dataset)
+    if calibration is not None:
+        for each in datasets:
+            check_unseen(calibration, each.origin, "calibration")
     request = FitRequest(
         datasets=datasets,
         settings=settings,
@@ -327,13 +332,14 @@ def learn(
         run=run,
     )
     learned = _method(method)(request)
-    if isinstance(learned, EnvelopeSet) and (code := code_of(method)):
-        learned = replace(learned, provenance={**learned.provenance, "code": code})
-    return (
-        learned
-        if isinstance(learned, Modes)
-        else fitted(learned, method, datasets[0].problem_class)
-    )
+    if isinstance(learned, Modes):
+        return learned
+    origin: dict[str, Any] = {} if method in KNOBS else datasets[0].origin
+    if isinstance(learned, EnvelopeSet):
+        code = code_of(method)
+        further = {"code": code} if code else {}
+        learned = replace(learned, provenance={**origin, **learned.provenance, **further})
+    return fitted(learned, method, datasets[0].problem_class, origin)
 
 
 def learn_selector(method: str, dataset: Dataset, *arguments: Any, **options: Any) -> Learned:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.data.dataset import Dataset
+from stancekit.learners.data.labelling import check_unseen
 from stancekit.learners.leaps.kinds import KINDS
 from stancekit.learners.selectors.selector import load_selector
 from stancekit.learners.training.fitting import (
@@ -114,6 +115,40 @@ def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> No
         learn("luck", dataset)  # type: ignore[arg-type]
     with refuses("data set"):
         learn("gmm", dataset.select(dataset.infeasible))
+
+
+def test_rows_that_were_learned_from_calibrate_nothing(dataset: Dataset) -> None:
+    train, held = dataset.split((0.6, 0.4))
+    for method in ("neural", "joint", "rl"):
+        with refuses("calibration"):
+            learn(method, train, SETTINGS, calibration=dataset)
+    assert learn_selector("neural", train, SETTINGS, calibration=held).provenance["calibration"]
+
+
+OWN = """
+class Chooses:
+    def predict(self, observation):
+        return None, None
+
+def box(request):
+    from stancekit.learners.training.fitting import fit
+    from dataclasses import replace
+
+    return replace(fit("heuristic", request.dataset), provenance={"mine": 1})
+
+def selector(request):
+    return Chooses()
+"""
+
+
+@pytest.mark.parametrize("name", ["box", "selector"])
+def test_the_method_of_a_file_has_seen_its_rows(
+    dataset: Dataset, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / "own.py").write_text(OWN)
+    learned = learn_selector(f"{tmp_path}/own.py:{name}", dataset)
+    with refuses("mine"):
+        check_unseen(dataset, learned.provenance, "mine")
 
 
 @pytest.mark.parametrize(
