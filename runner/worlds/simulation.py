@@ -21,7 +21,7 @@ from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import Actuators, Leg
-from stancekit.planners.robot.meshes import Shape, pose_of, write_pose
+from stancekit.planners.robot.meshes import Shape, pose_of, shape_elements, write_pose
 from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import RobotModel
@@ -99,6 +99,11 @@ def simulated_body(
         for parent in list(root.iter()):
             for element in parent.findall(unseen):
                 parent.remove(element)
+    known = {element for _, element, _ in shape_elements(root)}
+    for link in root.findall("link"):  # simulators refuse a file with a shape of another kind
+        for element in link.findall("collision"):
+            if element not in known:
+                link.remove(element)
     joints = tuple(name for leg in model.legs for name in leg.joint_names)
     _write_joints(root, model)
     links = {link.get("name", ""): link for link in root.findall("link")}

@@ -225,6 +225,14 @@ def test_a_root_without_mass_and_inertias_that_files_rounded_off_are_made_ones_t
         assert a + b >= c * (1.0 - 1e-9)
 
 
+def test_a_shape_that_no_simulator_knows_is_left_out(made: Callable[..., JointBus]) -> None:
+    cone = '<collision><geometry><cone radius=".1" length=".3"/></geometry></collision></link>'
+    of = model(quadruped().replace("</link>", cone, 1))
+    assert "cone" in "".join(of.doubts)
+    assert "cone" not in simulated_body(of).urdf
+    dropped(made(of), of, periods=1)
+
+
 def test_a_joint_without_a_torque_limit_is_refused(made: Callable[..., JointBus]) -> None:
     with refuses("joint LF_HAA"):
         made(model(quadruped(effort=0.0)))
