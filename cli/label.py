@@ -238,6 +238,7 @@ class LabelPostures:
                 for kind, count in vars(summary.screened).items()
                 if count
             ]
+        remarks += [f"doubt: {doubt}" for doubt in header.doubts or ()]
         return summary.to_json(), remarks
 
     def _leaps(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:

@@ -422,6 +422,7 @@ class RunMotion:
                 emit({"plan": str(self.plan), **record})
             else:
                 out.print(table)
+                say(record["doubts"], "doubt: {}")
                 say((self.log, self.picture, self.video), "written: {}")
         except BrokenPipeError:  # nobody reads it, but the exit code is of the robot
             if succeeded:
@@ -602,12 +603,12 @@ class Simulate:
             verdict = {
                 "succeeded": report.succeeded,
                 "message": _why(report, execution),
-                "doubts": list(accepted.plan.doubts),
+                "doubts": list(report.doubts),
             }
             emit({"plan": str(self.plan), **execution.to_json(), **verdict})
         else:
             out.print(_simulated_table(report, execution))
-            say(accepted.plan.doubts, "doubt: {}")
+            say(report.doubts, "doubt: {}")
             say((self.picture, self.video, self.out), "written: {}")
         return 0 if report.succeeded else 1
 

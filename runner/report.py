@@ -207,6 +207,7 @@ class RunReport:
         load: processes that wanted a processor in the last minute, for each that there is; NaN if
             unknown.
         lacks: properties of the robot that the world lacks, empty if it reports none.
+        doubts: of the motion's robot and ground, one line each.
     Source:
         None: planned against measured.
 
@@ -250,6 +251,7 @@ class RunReport:
     after_s: float = 0.0
     load: float = float("nan")
     lacks: str = ""
+    doubts: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -328,6 +330,7 @@ class RunReport:
             after_s=latch.after_s,
             load=load(),
             lacks=getattr(world.world, "lacks", ""),
+            doubts=prepared.accepted.plan.doubts,
         )
 
     def to_json(self) -> dict[str, Any]:

@@ -327,9 +327,9 @@ class Head(BaseModel, ABC):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything but the software: what ties a shard to its data set."""
+        """SHA-256 of everything but the software and the doubts: what ties a shard to its data set."""
         return hashlib.sha256(
-            self.model_dump_json(exclude={"software"}, exclude_none=True).encode()
+            self.model_dump_json(exclude={"software", "doubts"}, exclude_none=True).encode()
         ).hexdigest()
 
     @abstractmethod
@@ -349,6 +349,7 @@ class Header(Head):
         robot: identity of the model that the legs belong to, see ``Robot``; None for the default
             hexapod.
         speaks_of: subject of the labels, in words, unless it is the robot itself.
+        doubts: of the robot's file and of the terrain's, one line each; None for none.
     """
 
     format: Literal["stancekit/dataset/1"] = "stancekit/dataset/1"
@@ -356,6 +357,7 @@ class Header(Head):
     witness: Literal["canonical/1"]
     robot: str | None = None
     speaks_of: str | None = None
+    doubts: list[str] | None = None
 
     def columns(self) -> pa.Schema:
         """Columns of the shards."""

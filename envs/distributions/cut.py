@@ -29,6 +29,7 @@ from stancekit.planners.robot.robot_model import IDENTITY_DIGITS
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds, footholds_of
 from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.import_options import doubts
 from stancekit.planners.terrain.mesh_file import MOST_BYTES
 from stancekit.planners.terrain.polygon import STEEP, half_planes
 from stancekit.planners.terrain.reference import named_surface, names_ground
@@ -167,6 +168,7 @@ class CutDistribution:
     Arguments:
         stance: nominal stance about which scenes are drawn.
         friction: lowest and highest friction, drawn uniformly.
+        doubts: what the terrain's reader mended or left out, one line each.
     """
 
     name: str
@@ -176,6 +178,7 @@ class CutDistribution:
     stance: NominalStance
     places: Places
     terrain: str = "ground"
+    doubts: tuple[str, ...] = ()
 
     def sample(self, rng: np.random.Generator) -> Problem:
         """Draw one posture problem.
@@ -270,7 +273,8 @@ def cut(
 
     Raises InvalidInput for one that is none, or has no footholds.
     """
-    places = Places.of(path, SMALLER * stance.circumradius_m[0])
+    with doubts() as heard:
+        places = Places.of(path, SMALLER * stance.circumradius_m[0])
     return CutDistribution(
         name=f"{name}-on-{identity_of(path)}",
         legs=tuple(legs),
@@ -278,4 +282,5 @@ def cut(
         robot=robot,
         stance=stance,
         places=places,
+        doubts=tuple(heard),
     )

@@ -28,6 +28,7 @@ from stancekit.envs.data.dataset import Dataset, Summary, finite
 from stancekit.envs.data.ledger import Header, LabelPlan, Part, Shard, TryHeader
 from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.answer import Status
+from stancekit.planners.answer.motion import doubts_of
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import Strict
@@ -444,4 +445,5 @@ def _header(plan: LabelPlan, source: Distribution) -> Header:
         speaks_of=_INNER
         if any(contact.reach_rows is not None for contact in first.contacts)
         else None,
+        doubts=list(doubts_of(source)) or None,
     )

@@ -243,6 +243,7 @@ class LoopReport:
         seconds: duration of the motion [s].
         plan_s: spent on planning [s].
         wall_s: wall-clock time [s].
+        doubts: of the robot and its ground, one line each.
     Source:
         None: planned against measured.
 
@@ -267,6 +268,7 @@ class LoopReport:
     seconds: float
     plan_s: float
     wall_s: float
+    doubts: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as JSON-ready values; a number that is not finite becomes None."""
@@ -399,6 +401,7 @@ class ClosedLoop:
             seconds=self._seconds,
             plan_s=self._planning.plan_s,
             wall_s=time.perf_counter() - begin,
+            doubts=prepared.accepted.plan.doubts,
         )
         runner.log.write("verdict", report.to_json())
         return report

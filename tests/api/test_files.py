@@ -16,6 +16,7 @@ import pytest
 import stancekit
 from stancekit.configs import config_path
 from stancekit.learners.selectors.selector import Learned
+from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.relaxation.boxes import Modes
 from stancekit.planners.robot.model import Robot
 from tests.refusals import refuses
@@ -174,8 +175,16 @@ def test_a_posture_has_a_file_and_is_not_run(tmp_path):
 
 def test_a_doubt_in_a_file_is_one_line_whatever_is_in_it(plan, tmp_path):
     asked = dataclasses.replace(plan.problem, doubts=("mended\naccepted",))
-    stancekit.save(dataclasses.replace(plan, problem=asked), tmp_path / "a.json")
-    assert stancekit.verify(tmp_path / "a.json").report.doubts == ("mended accepted",)
+    doubted = dataclasses.replace(plan, problem=asked)
+    stancekit.save(doubted, tmp_path / "a.json")
+    quick = stancekit.RunSettings(timing=Timing().at_pace(4.0), check_limits=False)
+    for said in (
+        stancekit.verify(tmp_path / "a.json").report,
+        stancekit.simulate(doubted, settings=quick),
+        stancekit.run(doubted, policy="lift", settings=quick),
+        stancekit.export(doubted, tmp_path / "a.csv"),
+    ):
+        assert said.doubts == ("mended accepted",)
 
 
 def test_a_certificate_knows_what_it_is_a_proof_of(problems):

@@ -181,13 +181,15 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
     answer = stancekit.plan(steep, **ends)  # undecided, or explain asked for a proof
     assert_names(stancekit.explain(answer).message, "steep.obj", "steep")
     with pytest.warns(UserWarning, match="inside out"):
-        answer, heights, mapped = (
+        answer, rows, heights, mapped = (
             stancekit.plan(mended, **ends),
+            stancekit.label("terrain-3", tmp_path / "rows", rows=2, terrain=mended),
             stancekit.heights(mended),
             stancekit.map(mended, spacing_m=2.0, headings=1),
         )
     (doubt,) = answer.doubts
     assert_names(doubt, "mended.obj", "1 closed parts")
+    assert rows.header.doubts == [doubt]
     mapped.save(tmp_path / "map.npz")
     assert StandingMap.read(tmp_path / "map.npz").doubts == (doubt,)
     walked = stancekit.walk(heights, (0.2, 0.0), duration_s=2.0, chart="decoupled")
