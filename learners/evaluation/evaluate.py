@@ -108,7 +108,10 @@ class Share:
             p + z * z / (2 * n),
             z * float(np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))),
         )
-        return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+        return (
+            max((middle - half) / (1 + z * z / n), 0.0),
+            min((middle + half) / (1 + z * z / n), 1.0),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -133,6 +133,9 @@ def test_wilson_intervals_are_those_of_the_literature() -> None:
     ):
         assert Share(hits=hits, of=of).interval == pytest.approx((low, high), abs=1e-4)
     assert np.isnan(Share(hits=0, of=0).interval).all()
+    ends = [Share(hits=hits, of=of).interval for of in range(1, 60) for hits in (0, of)]
+    assert min(low for low, _ in ends) == 0.0
+    assert max(high for _, high in ends) == 1.0
 
 
 def test_selectors_by_name_are_one_table_and_one_picture(
