@@ -136,6 +136,17 @@ def check_argument(name: str, value: Any, hint: Any) -> None:
     raise InvalidInput(f"{name}: expected {_expected(hint)}, got {came(value)}")
 
 
+def check_types(settings: Any, where: str = "") -> None:
+    """Raise InvalidInput for the first field of a dataclass that its annotation does not allow.
+
+    Arguments:
+        where: what its name begins with.
+    """
+    hints = hints_of(cast(Any, type(settings)))
+    for each in fields(settings):
+        check_argument(where + each.name, getattr(settings, each.name), hints[each.name])
+
+
 def settings_from(
     kind: type[Settings], given: Mapping[str, Any], *, beside: Sequence[str] = ()
 ) -> Settings:

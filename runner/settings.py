@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from stancekit.planners.arguments import check_types
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import check_numbers, checked, collect_errors
+from stancekit.planners.files.documents import shown
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.contact import wrench_of
 from stancekit.planners.search.friction_margin import SHARES
@@ -49,7 +52,7 @@ class LoopSettings:
         replan_m: a body or a foot farther than this from the plan has the rest planned anew, at the
             next moment when all feet stand; inf for never.
         tries: so many plans in a row that come no farther, and it gives up.
-        shares: of the friction that is counted on, that are planned with.
+        shares: of the friction that is counted on, that are planned with, above 0 and up to 1.
         goal_m: how far from where its last plan has it the centre of mass may end.
         learn_friction: estimate it from what feet feel.
     """
@@ -57,11 +60,12 @@ class LoopSettings:
     horizon: int = 0
     replan_m: float = 0.012
     tries: int = 6
-    shares: tuple[float, ...] = SHARES
+    shares: Sequence[float] = SHARES
     goal_m: float = 0.03
     learn_friction: bool = True
 
     def __post_init__(self) -> None:
+        check_types(self, "loop.")
         collect_errors(
             lambda: checked(self.tries, "loop.tries", least=1.0),
             lambda: checked(self.horizon, "loop.horizon", least=0.0),
@@ -70,6 +74,10 @@ class LoopSettings:
         if not self.replan_m > 0.0:
             raise InvalidInput(
                 f"loop.replan_m: expected a number above 0, or inf, got {self.replan_m!r}"
+            )
+        if not self.shares or not all(0.0 < share <= 1.0 for share in self.shares):
+            raise InvalidInput(
+                f"loop.shares: expected numbers above 0 and up to 1, got {shown(self.shares)}"
             )
 
 
@@ -106,7 +114,7 @@ class RunSettings:
         loop: how a policy plans anew on the way.
 
     Raises:
-        InvalidInput: for a speed or a share out of range.
+        InvalidInput: for a speed or a share out of range, and a value of another type.
     Source:
         None: what a robot is run with.
 
@@ -131,7 +139,7 @@ class RunSettings:
     odometry: bool = False
     friction_share: float = 1.0
     wrench: tuple[float, ...] | None = None
-    stops: tuple[Source, ...] = ()
+    stops: Sequence[Source] = ()
     loop: LoopSettings = field(default_factory=LoopSettings)
 
     def __post_init__(self) -> None:
@@ -140,3 +148,4 @@ class RunSettings:
         checked(self.friction_share, "friction_share", above=0.0, most=1.0)
         if self.wrench is not None:
             object.__setattr__(self, "wrench", tuple(wrench_of(self.wrench).tolist()))
+        check_types(self)

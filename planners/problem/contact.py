@@ -39,8 +39,8 @@ class Foothold:
             the surface under it.
         yaws_rad: yaw angle of a sole on each candidate [rad]; () for 0. The same patch with several
             yaws is several candidates. toe_m of a sole is its centre.
-        force_min, force_max: bounds on (f_n, f_y, f_z) there, in units of the problem's force
-            scale, shape (3,); None for those of the problem.
+        force_min, force_max: bounds on (f_n, f_y, f_z) there, of a sole at each of its points, in
+            units of the problem's force scale, shape (3,); None for those of the problem.
     """
 
     limb: str
@@ -314,7 +314,7 @@ class Contact:
         reach_m: Δ_FK, radius of the workspace about the shoulder [m].
         patch: the terrain under the toe.
         force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale,
-        shape (3,).
+            shape (3,); of a sole at each of its points.
         reach_rows: half-spaces that the toe is in, too.
         sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the
             yaw ``yaw_rad`` [rad], whose centre is the toe (``terrain.sole``); None for a point

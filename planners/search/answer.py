@@ -19,7 +19,7 @@ from ..answer.answer import Answer, Effort, Status
 from ..answer.certificate import Certificate
 from ..answer.motion import Motion
 from ..answer.plan import Plan
-from ..arguments import check_argument, hints_of
+from ..arguments import check_types
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, programs_of_this_thread
 from ..equilibrium.scaled import Point, Scaled
@@ -237,9 +237,7 @@ class Method(ABC):
     most_s: float = field(default=math.inf, repr=False)
 
     def __post_init__(self) -> None:
-        hints = hints_of(type(self))
-        for each in fields(self):
-            check_argument(each.name, getattr(self, each.name), hints[each.name])
+        check_types(self)
         if self.time_limit_s is not None and not self.time_limit_s >= 0.0:
             raise InvalidInput(
                 f"time_limit_s: expected a number of at least 0, got {self.time_limit_s!r}"
@@ -545,12 +543,10 @@ class PlanSettings:
     checkpoint: str | Path | None = None
 
     def __post_init__(self) -> None:
-        check_argument("body", self.body, WholeBodyLimits)
-        check_argument("standing", self.standing, StandingMap | str | Path | None)
-        check_argument("checkpoint", self.checkpoint, str | Path | None)
         object.__setattr__(self, "push_n", checked_number(self.push_n, "push_n", least=0.0))
         if self.wrench is not None:
             object.__setattr__(self, "wrench", wrench_of(self.wrench))
+        check_types(self)
 
     def check_of_leap(self) -> None:
         """Raise InvalidInput for a setting that a leap has no use for."""

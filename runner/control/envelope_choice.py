@@ -184,7 +184,7 @@ class Replanner:
         """Most likely friction, as a share of the course's; and the shares of that which are
         planned with, in their order.
         """
-        interval, shares = self._friction.interval, self._settings.shares
+        interval, shares = self._friction.interval, tuple(self._settings.shares)
         share = interval.share if interval.slides else 1.0
         if (
             interval.planned_on < share

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.arguments import check_types
 from stancekit.planners.files.arrays import Array, check_numbers
 from stancekit.planners.motion.motion import Samples
 from stancekit.planners.robot.kinematics import Kinematics
@@ -90,6 +91,7 @@ class ContactFeedback:
     settle_hz: float = 0.0
 
     def __post_init__(self) -> None:
+        check_types(self, "feedback.")
         check_numbers(
             self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"]
         )

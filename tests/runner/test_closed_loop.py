@@ -24,7 +24,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.boxes import boxes_of
 from stancekit.planners.relaxation.envelope import EnvelopeSet, expert_envelopes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.answer import Planner
+from stancekit.planners.search.answer import Planner, PlanSettings
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.pieces import Standing, with_pause
 from stancekit.planners.search.two_stage import TwoStage
@@ -49,6 +49,7 @@ from stancekit.runner.control.estimation import (
     nearest_on,
     without,
 )
+from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import FARTHEST, LoopStiffness
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import LoopSettings, RunSettings
@@ -199,6 +200,30 @@ def test_the_nearest_point_of_a_patch_is_that_of_a_dense_search() -> None:
         best = np.linalg.norm(dense - point, axis=1).min()
         assert np.linalg.norm(found - point) <= best + 1e-9
         assert best - np.linalg.norm(found - point) < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "value"),
+    [
+        (RunSettings, "ending", "torque_off"),
+        (RunSettings, "hung", "no"),
+        (RunSettings, "forces", "share"),
+        (RunSettings, "check_limits", None),
+        (RunSettings, "stops", ("a file",)),
+        (RunSettings, "limits", {}),
+        (ContactFeedback, "waits", "no"),
+        (PlanSettings, "prefer_margin", "no"),
+        (LoopSettings, "horizon", 2.5),
+        (LoopSettings, "shares", ()),
+        (LoopSettings, "shares", (0.8, 2.0)),
+        (LoopSettings, "shares", (np.nan,)),
+    ],
+)
+def test_a_setting_that_is_none_is_refused_before_a_run(
+    kind: Callable[..., object], name: str, value: object
+) -> None:
+    with refuses(name):
+        kind(**{name: value})
 
 
 def test_settings_out_of_range_are_refused() -> None:
