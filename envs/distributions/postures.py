@@ -4,6 +4,8 @@ stand on them, drawn about the stance of any robot.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import pickle
 import re
 from collections.abc import Mapping, Sequence
@@ -19,6 +21,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
+from stancekit.planners.files.codec import to_json
 from stancekit.planners.files.documents import read_yaml, validated
 from stancekit.planners.plugins import Registry, made_or_class, of_file, packed
 from stancekit.planners.problem import Contact, PostureBatch, Problem
@@ -113,12 +116,14 @@ class StandingRobot:
         toes_m: vectors from its centre of mass to the toes, shape (N, 3) [m].
         reach_m: mean distance that a foot can have from its first joint [m].
         paper: the default hexapod, about which Lin et al.'s law draws.
+        of_file: its limbs reach the inner sets of its file's legs; others count as another robot.
     """
 
     robot: Robot
     toes_m: Array
     reach_m: float
     paper: bool = False
+    of_file: bool = False
 
     @classmethod
     def of(cls, robot: Robot | str | None) -> StandingRobot:
@@ -127,25 +132,22 @@ class StandingRobot:
 
         Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
         """
+        if robot is None or robot in BUILT_IN:
+            robot = hexapod()
         if isinstance(robot, Robot):
             robot.check_limbs()
         if isinstance(robot, Robot) and not robot.own:
-            toes = paper_stance(robot.limbs, "ground").centre_m
-            reach = float(np.mean([limb.reach_m for limb in robot.limbs]))
-            return cls(robot=robot, toes_m=toes, reach_m=reach, paper=_is_default(robot))
-        if robot is None or robot in BUILT_IN:
-            default = hexapod()
             return cls(
-                robot=default,
-                toes_m=paper_stance(default.limbs, "ground").centre_m,
-                reach_m=_PAPER_REACH_M,
-                paper=True,
+                robot=robot,
+                toes_m=paper_stance(robot.limbs, "ground").centre_m,
+                reach_m=float(np.mean([limb.reach_m for limb in robot.limbs])),
+                paper=_is_default(robot),
             )
         from stancekit.planners.robot.reach_sets import (
             standing_toes,  # slow to import
             workspaces_of,
         )
-        from stancekit.planners.robot.walker import contact_robot  # slow to import
+        from stancekit.planners.robot.walker import contact_robot, sets_of  # slow to import
 
         model = named_robot(robot) if isinstance(robot, str) else robot.own_model()
         try:
@@ -156,7 +158,12 @@ class StandingRobot:
             ) from None
         reach = float(np.mean([workspace.reach_m for workspace in workspaces]))
         made = robot if isinstance(robot, Robot) else contact_robot(model, workspaces)
-        return cls(robot=made, toes_m=standing_toes(model), reach_m=reach)
+        return cls(
+            robot=made,
+            toes_m=standing_toes(model),
+            reach_m=reach,
+            of_file=made is not robot or sets_of(made) == "inner",
+        )
 
     def legs(self, count: int, name: str) -> tuple[str, ...]:
         """Choose this many legs: those whose toes hold its centre of mass best, by the largest
@@ -213,11 +220,9 @@ def _held(toes: Array) -> float:
     """
     from scipy.spatial import ConvexHull, QhullError  # slow to import
 
-    if len(toes) < 3:
-        return -float(np.linalg.norm(toes[:, :2].mean(axis=0)))
     try:
         return -float(ConvexHull(toes[:, :2]).equations[:, 2].max())
-    except QhullError:  # all in one line
+    except QhullError:  # fewer than three, or all in one line
         return -float(np.linalg.norm(toes[:, :2].mean(axis=0)))
 
 
@@ -618,7 +623,10 @@ def composed(
             f"{name}: expected {wants}, got {'none' if terrain is None else terrain}"
         )
     robot = standing.robot
-    of = robot.identity or ("" if standing.paper else robot.name)
+    of = "" if standing.paper else robot.identity or robot.name
+    if of and not standing.of_file:
+        limbs = json.dumps(to_json(robot.limbs)).encode()
+        of = f"{of}-{hashlib.sha256(limbs).hexdigest()[:12]}"
     named = f"{name}-of-{of}" if of else name
     stance = standing.stance(law, legs)
     if law == "terrain":

@@ -336,8 +336,7 @@ def learn(
         return learned
     origin: dict[str, Any] = {} if method in KNOBS else datasets[0].origin
     if isinstance(learned, EnvelopeSet):
-        code = code_of(method)
-        further = {"code": code} if code else {}
+        further = {"code": code} if (code := code_of(method)) else {}
         learned = replace(learned, provenance={**origin, **learned.provenance, **further})
     return fitted(learned, method, datasets[0].problem_class, origin)
 

@@ -39,7 +39,7 @@ from stancekit.planners.problem.course_file import (
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.robot.model import ReachRows
 from stancekit.planners.robot.reach_sets import standing_toes
-from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.robot_file import named_robot, robot_of
 from stancekit.planners.search.methods import PlannerOptions, make_planner
 from stancekit.planners.terrain.reference import named_terrain
 from tests.planners.robot.small_urdfs import leg, quadruped, robot
@@ -410,6 +410,18 @@ def test_on_the_ground_patches_are_about_the_toes_of_the_robot_as_it_stands(dog:
         for p in problems
         for contact in p.contacts
     )
+
+
+def test_limbs_that_no_file_has_are_those_of_another_robot(dog: str) -> None:
+    own = robot_of(dog)
+    shorter = tuple(replace(limb, reach_m=0.8 * limb.reach_m) for limb in own.limbs)
+    others = [
+        replace(own, limbs=shorter),
+        *(Robot(name="mine", mass_kg=own.mass_kg, limbs=limbs) for limbs in (shorter, own.limbs)),
+    ]
+    names = [distribution("ground-4", robot=each).name for each in (dog, own, *others)]
+    assert names[0] == names[1]
+    assert len(set(names)) == 4
 
 
 def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
