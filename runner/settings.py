@@ -8,7 +8,7 @@ from typing import Literal
 
 from stancekit.planners.arguments import check_types
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import check_numbers, checked, collect_errors
+from stancekit.planners.files.arrays import LARGEST, check_numbers, checked, collect_errors
 from stancekit.planners.files.documents import shown
 from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.contact import wrench_of
@@ -70,11 +70,8 @@ class LoopSettings:
             lambda: checked(self.tries, "loop.tries", least=1.0),
             lambda: checked(self.horizon, "loop.horizon", least=0.0),
             lambda: checked(self.goal_m, "loop.goal_m", above=0.0),
+            lambda: checked(min(self.replan_m, LARGEST), "loop.replan_m", above=0.0),
         )
-        if not self.replan_m > 0.0:
-            raise InvalidInput(
-                f"loop.replan_m: expected a number above 0, or inf, got {self.replan_m!r}"
-            )
         if not self.shares or not all(0.0 < share <= 1.0 for share in self.shares):
             raise InvalidInput(
                 f"loop.shares: expected numbers above 0 and up to 1, got {shown(self.shares)}"
@@ -143,9 +140,11 @@ class RunSettings:
     loop: LoopSettings = field(default_factory=LoopSettings)
 
     def __post_init__(self) -> None:
-        checked(self.speed_rad_s, "speed_rad_s", above=0.0)
-        checked(self.least_push, "least_push", least=0.0, most=1.0)
-        checked(self.friction_share, "friction_share", above=0.0, most=1.0)
+        collect_errors(
+            lambda: checked(self.speed_rad_s, "speed_rad_s", above=0.0),
+            lambda: checked(self.least_push, "least_push", least=0.0, most=1.0),
+            lambda: checked(self.friction_share, "friction_share", above=0.0, most=1.0),
+        )
         if self.wrench is not None:
             object.__setattr__(self, "wrench", tuple(wrench_of(self.wrench).tolist()))
         check_types(self)

@@ -22,6 +22,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled, observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import shown
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Stance
 from stancekit.planners.projection.whole_body import WholeBodyLimits
@@ -136,14 +137,20 @@ class Replanner:
             standing = replace(standing, patches=patches)
 
         def planner_of(window: Problem) -> Planner:
-            observation = Observation(
-                window=window,
-                standing=standing,
-                state=self._runner.state,
-                friction_share=share,
-                frame=frame,
+            planner = self._policy(
+                Observation(
+                    window=window,
+                    standing=standing,
+                    state=self._runner.state,
+                    friction_share=share,
+                    frame=frame,
+                )
             )
-            return self._policy(observation)
+            if not callable(getattr(planner, "solve", None)):
+                raise InvalidInput(
+                    f"policy: expected a planner with solve(problem), got {shown(planner)}"
+                )
+            return planner
 
         def answer(course: Problem) -> Answer[Plan]:
             return replan(

@@ -226,6 +226,13 @@ def test_a_setting_that_is_none_is_refused_before_a_run(
         kind(**{name: value})
 
 
+def test_a_policy_that_brings_no_planner_is_refused_before_anything_moves() -> None:
+    course = read_course("walls", frames=2)
+    runner = Runner(make_world("mujoco", course.robot), settings=FAST)
+    with refuses("policy", "None"):
+        ClosedLoop(course, runner, lambda observation: None).run()  # type: ignore[arg-type, return-value]
+
+
 def test_settings_out_of_range_are_refused() -> None:
     with refuses("loop.tries"):
         LoopSettings(tries=0)
