@@ -5,6 +5,7 @@ foothold.
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -204,36 +205,33 @@ class LeapBody:
 
         pin, solver = pinocchio(), self.kinematics
         known, mass = solver.known, self.plan.problem.robot.mass_kg
-        data, first = known.createData(), solver.base_moves
+        data, first, axes = known.createData(), solver.base_moves, np.empty_like(self.rotation)
         feet = [known.getFrameId(f"{leg.name}: foot") for leg in self._body.model.legs]
-        columns = [solver.columns[solver.legs == i] for i in range(len(feet))]
-        step = float(self.times_s[1] - self.times_s[0])
-        spin, self.spins = np.zeros_like(self.com_m), np.zeros_like(self.rotation)
+        maps, jacobians = list[Array](), list[list[Array]]()
         for k, angles in enumerate(postures.angles):
             state = solver.configuration(angles)
             placed = solver.carried(self.rotation[k], postures.origin_m[k])
-            state[solver.base] = pin.SE3ToXYZQUAT(placed)
-            matrix = np.array(pin.computeCentroidalMap(known, data, state))
-            wanted = mass * np.concatenate([self.velocity_m_s[k], self.momentum_m2_s[k]])
-            body = matrix[:, first].copy()
+            state[solver.base], axes[k] = pin.SE3ToXYZQUAT(placed), placed.rotation
+            maps.append(pin.computeCentroidalMap(known, data, state).copy())
             pin.computeJointJacobians(known, data, state)
             pin.updateFramePlacements(known, data)
-            for mine, frame, moves in zip(columns, feet, self._moves[k], strict=True):
-                full = pin.getFrameJacobian(
-                    known, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-                )[:3]
-                swung = matrix[:, mine] @ np.linalg.pinv(full[:, mine], rcond=_SINGULAR)
-                body -= swung @ full[:, first]
-                wanted = wanted - swung @ moves
-            inverse = np.linalg.inv(body)
-            spin[k] = placed.rotation @ (inverse @ wanted)[3:]
-            self.spins[k] = mass * placed.rotation @ inverse[3:, 3:]
-        turns = 0.5 * step * (spin[1:] + spin[:-1])
-        rotation = np.empty_like(self.rotation)
-        rotation[0] = rotations_of(self.plan.problem.start.rotation_rad)
-        for k, small in enumerate(rotations_of(turns)):
-            rotation[k + 1] = small @ rotation[k]
-        return rotation
+            jacobians.append(
+                [pin.getFrameJacobian(known, data, i, pin.LOCAL_WORLD_ALIGNED)[:3] for i in feet]
+            )
+        full = np.array(maps)
+        wanted = mass * np.hstack([self.velocity_m_s, self.momentum_m2_s])[..., None]
+        body = full[..., first].copy()
+        for i, moved in enumerate(np.swapaxes(jacobians, 0, 1)):
+            mine = solver.columns[solver.legs == i]
+            swung = full[..., mine] @ np.linalg.pinv(moved[..., mine], rcond=_SINGULAR)
+            body -= swung @ moved[..., first]
+            wanted -= swung @ self._moves[:, i, :, None]
+        inverse = np.linalg.inv(body)
+        self.spins = mass * axes @ inverse[:, 3:, 3:]
+        spin = (axes @ (inverse @ wanted)[:, 3:])[..., 0]
+        turns = rotations_of(0.5 * (self.times_s[1] - self.times_s[0]) * (spin[1:] + spin[:-1]))
+        start = rotations_of(self.plan.problem.start.rotation_rad)
+        return np.array(list(accumulate([start, *turns], lambda before, turn: turn @ before)))
 
     @cached_property
     def mean_forces_n(self) -> Array:
