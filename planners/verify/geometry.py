@@ -18,7 +18,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache, partial
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +30,7 @@ from ..files.arrays import Array, cross, lengths
 from ..problem.contact import Contact
 from ..robot.model import Limb, Robot
 from ..terrain.patch import FOR_BODIES_M, Certainty, Patch
-from ..terrain.polygon import half_planes
+from ..terrain.polygon import half_planes, signed_area
 from .margins import borne_share, stance_margins, verdict_yields_m
 
 _FLAT = 1e-12
@@ -197,8 +199,8 @@ def sag(polygon: Array) -> float:
         return 0.0
     centred = polygon - polygon.mean(axis=0)
     flat = centred @ np.linalg.svd(centred, full_matrices=False)[2].T
-    x, y = flat[:, 0], flat[:, 1]
-    around = np.sign(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    x, y = flat[:, :2].T
+    around = np.sign(signed_area(flat[:, :2]))
 
     def turn(p: int, q: int, r: int) -> float:
         return float(around * ((x[q] - x[p]) * (y[r] - y[q]) - (y[q] - y[p]) * (x[r] - x[q])))
@@ -266,7 +268,7 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
         )
         most = max(_THICK_M, float(about.min()))
         near.append(np.flatnonzero(bears & (about <= most)).tolist())
-    counts = [len(each) for each in near]
+    counts, surface = [len(each) for each in near], cache(partial(_surface_of, terrain))
     gaps = patch_distances(
         [terrain[i].vertices_m for each in near for i in each], np.repeat(toes, counts, axis=0)
     )
@@ -275,12 +277,8 @@ def off_terrain(terrain: Sequence[Patch], patches: Sequence[Patch], toes: Array)
             if off[k] >= distances[p]:
                 break
             if (sure := terrain[near[p][k]].certainty) is not None:
-                off[k] = max(
-                    float(off[k]),
-                    sure.wider_m
-                    - _border_m(terrain, near[p][k], toes[p], max(FAR_M, sure.wider_m)),
-                )
-            distances[p] = min(distances[p], float(off[k]))
+                off[k] = max(off[k], -_inside_m(surface(near[p][k]), toes[p], sure.wider_m))
+            distances[p] = min(distances[p], off[k])
     return distances
 
 
@@ -304,36 +302,40 @@ def certainty_under(
     _, first = min(near)
     sure = terrain[first].certainty
     assert sure is not None
-    return sure, _border_m(terrain, first, toe, max(FAR_M, sure.wider_m)) - sure.wider_m
+    return sure, _inside_m(_surface_of(terrain, first), toe, sure.wider_m)
 
 
-def _border_m(terrain: Sequence[Patch], first: int, toe: Array, far_m: float) -> float:
-    """Distance of a toe to the border of the surface that a patch is a piece of [m].
+def _inside_m(surface: Any, toe: Array, wider_m: float) -> float:
+    """Distance of a toe inside of where its surface's edge most likely is [m], at most ``FAR_M``.
 
     Arguments:
-        first: number of the patch.
-        toe: in the patch, shape (3,) [m].
-        far_m: the largest distance that matters.
+        surface: its pieces, see ``_surface_of``.
+        toe: in one of them, shape (3,) [m].
+        wider_m: how far the pieces reach beyond that edge.
+    """
+    axes, normals, offsets, along, firsts = surface
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reached = (offsets - normals @ (toe @ axes))[:, None] / along
+    begin = np.maximum.reduceat(np.where(along < 0.0, reached, -np.inf), firsts)
+    end = np.minimum.reduceat(np.where(along > 0.0, reached, np.inf), firsts)
+    out, before = np.zeros(_AROUND), np.ones(_AROUND)
+    while not np.array_equal(out, before):
+        before, meets = out, (begin <= out + _THICK_M) & (begin <= end)
+        out = np.maximum(out, np.max(np.where(meets, end, 0.0), axis=0))
+    return min(float(out.min()), max(FAR_M, wider_m)) - wider_m
+
+
+def _surface_of(terrain: Sequence[Patch], first: int) -> Any:
+    """The surface that a patch is a piece of: axes of its plane, shape (3, 2), and the half-planes
+    of all pieces along them, how they face the ways from a toe, shape (H, _AROUND), and the first
+    of every piece.
     """
     patch, angles = terrain[first], np.linspace(0.0, 2.0 * np.pi, _AROUND, endpoint=False)
-    ways, axes = np.stack([np.cos(angles), np.sin(angles)]), patch.frame[:, 1:]
-    begins, ends = list[Array](), list[Array]()
-    for other in terrain:
-        if not _same_surface(patch, other) or np.any(other.vertices_m.min(axis=0) > toe + far_m):
-            continue
-        if np.any(other.vertices_m.max(axis=0) < toe - far_m):
-            continue
-        normals, offsets = half_planes((other.vertices_m - toe) @ axes)
-        along = normals @ ways
-        with np.errstate(divide="ignore", invalid="ignore"):
-            reached = offsets[:, None] / along
-        begins.append(np.max(np.where(along < 0.0, reached, -np.inf), axis=0))
-        ends.append(np.min(np.where(along > 0.0, reached, np.inf), axis=0))
-    begin, end, out = np.array(begins), np.array(ends), np.zeros(_AROUND)
-    for _ in begins:
-        meets = (begin <= out + _THICK_M) & (begin <= end)
-        out = np.maximum(out, np.max(np.where(meets, end, 0.0), axis=0))
-    return float(min(out.min(), far_m))
+    axes = patch.frame[:, 1:]
+    pieces = [half_planes(each.vertices_m @ axes) for each in terrain if _same_surface(patch, each)]
+    normals, offsets = map(np.concatenate, zip(*pieces, strict=True))
+    firsts = np.cumsum([0, *(len(each) for _, each in pieces[:-1])])
+    return axes, normals, offsets, normals @ [np.cos(angles), np.sin(angles)], firsts
 
 
 def _same_surface(one: Patch, other: Patch) -> bool:
