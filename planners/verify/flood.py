@@ -351,14 +351,16 @@ def _beside(cells: _Cells) -> _Cells:
 
 def _away(points: Array, polygon: Array) -> Array:
     """Distances of points, shape (…, 2), from a convex polygon from above, 0 inside [m]."""
-    squares, sides = np.inf, list[Array]()
-    for corner, along in zip(polygon, np.roll(polygon, -1, axis=0) - polygon, strict=True):
-        off = points - corner
-        share = np.clip(off @ along / max(along @ along, 1e-24), 0.0, 1.0)
-        squares = np.minimum(squares, np.square(off - share[..., None] * along).sum(axis=-1))
-        sides.append(off @ (along[1], -along[0]))
+    places, corners = points @ (1.0, 1.0j), polygon @ (1.0, 1.0j)
+    away, sides = np.inf, list[Array]()
+    for corner, along in zip(corners, np.roll(corners, -1) - corners, strict=True):
+        off = places - corner
+        turned = off * along.conjugate()
+        share = np.clip(turned.real / max(abs(along) ** 2, 1e-24), 0.0, 1.0)
+        away = np.minimum(away, np.abs(off - share * along))
+        sides.append(turned.imag)
     low, high = np.min(sides, axis=0), np.max(sides, axis=0)
-    return np.where((low >= 0.0) != (high <= 0.0), 0.0, np.sqrt(squares))
+    return np.where((low >= 0.0) != (high <= 0.0), 0.0, away)
 
 
 def _apart(one: Patch, two: Patch) -> float:
