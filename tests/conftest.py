@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -79,14 +80,20 @@ def pytest_collection_finish() -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _what_takes_long_to_make_is_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def _what_takes_long_to_make_is_kept(
+    tmp_path_factory: pytest.TempPathFactory, pytestconfig: pytest.Config
+) -> Iterator[None]:
     """Workspaces are measured once, by whichever test asks first in any process, and not kept in
-    the user's folder. Worker processes stay for those who ask next.
+    the user's folder. Machine code is kept from run to run: numba makes it anew for other sources.
+    Worker processes stay for those who ask next.
     """
     mine = tmp_path_factory.getbasetemp()
-    shared = mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine
+    kept = (mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine) / "legs"
+    kept.mkdir(exist_ok=True)
+    with suppress(FileExistsError):
+        (kept / "numba").symlink_to(pytestconfig.cache.mkdir("numba"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STANCEKIT_CACHE", str(shared / "legs"))
+        patch.setenv("STANCEKIT_CACHE", str(kept))
         patch.setattr(executors, "_IDLE_S", 3600)
         yield
 

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from stancekit import Motion
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.problem import Foothold, StepLimits, Weights
@@ -28,12 +27,6 @@ SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 
 
 FOUR = ("LF", "LR", "RF", "RR")
 CLIMB_M = 0.04
-
-
-@pytest.fixture(scope="session")
-def programs() -> Programs:
-    """The programs, once a process."""
-    return Programs()
 
 
 @pytest.fixture(scope="session")
