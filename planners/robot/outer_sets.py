@@ -16,11 +16,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache, reduce
-from itertools import permutations
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.patch import hull_of
@@ -74,7 +75,7 @@ class _Cloud:
         """Largest product with unit vectors, shape (D, 3), shape (D,) [m]."""
         return np.asarray((self.points @ normals.T).max(axis=0) + self.slack_m)
 
-    @property
+    @cached_property
     def ball(self) -> tuple[Array, float]:
         """Centre and radius of a ball that holds it [m]."""
         centre, radius = enclosing_ball(self.points)
@@ -149,9 +150,8 @@ def _thinned(points: Array, most: float) -> tuple[Array, float]:
     """
     size = 2.0 * most / np.sqrt(3.0)
     cells = np.unique(np.round(points / size), axis=0) * size
-    extreme = _extreme(cells)
     moved = float(np.linalg.norm(points - np.round(points / size) * size, axis=1).max())
-    return extreme, moved
+    return _extreme(cells), moved
 
 
 def directions_of(count: int = _DIRECTIONS) -> Array:
@@ -171,8 +171,8 @@ def enclosing_ball(points: Array, rounds: int = 200) -> tuple[Array, float]:
     """
     centre = points.mean(axis=0)
     for k in range(rounds):
-        far = points[np.argmax(np.einsum("ki,ki->k", points - centre, points - centre))]
-        centre = centre + (far - centre) / (k + 2.0)
+        away = points - centre
+        centre += away[np.argmax(np.einsum("ki,ki->k", away, away))] / (k + 2.0)
     return centre, float(np.linalg.norm(points - centre, axis=1).max())
 
 
@@ -355,13 +355,12 @@ class _Tree:
                 middle, size = each.ball
                 centre, radius = centre + middle, radius + size
             far = np.linalg.norm(foot.points + centre, axis=1).max() + foot.slack_m + radius
-            ball = foot.ball
-            balls.append([*(ball[0] + centre), ball[1] + radius])
+            balls.append([*(foot.ball[0] + centre), foot.ball[1] + radius])
             reach.append(float(far))
-            alone.append(foot_cloud(leg))
+            alone.append(foot_cloud(leg).fewer(_MOST_POINTS))
         apart = np.zeros((len(legs), len(legs)))
-        for i, k in permutations(range(len(legs)), 2):
-            apart[i, k] = alone[i].farthest_from(alone[k])
+        for i, k in combinations(range(len(legs)), 2):
+            apart[i, k] = apart[k, i] = alone[i].farthest_from(alone[k])
         com = -normals @ own + sum(each.supports(-normals) for each in others.values())
         return OuterSets(
             normals=normals,
