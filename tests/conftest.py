@@ -76,6 +76,7 @@ def pytest_configure() -> None:
 def pytest_collection_finish() -> None:
     """From here on there is garbage."""
     gc.freeze()
+    gc.set_threshold(20_000)
     gc.enable()
 
 
@@ -90,8 +91,9 @@ def _what_takes_long_to_make_is_kept(
     mine = tmp_path_factory.getbasetemp()
     kept = (mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine) / "legs"
     kept.mkdir(exist_ok=True)
-    with suppress(FileExistsError):
-        (kept / "numba").symlink_to(pytestconfig.cache.mkdir("numba"))
+    if pytestconfig.pluginmanager.has_plugin("cacheprovider"):
+        with suppress(FileExistsError):
+            (kept / "numba").symlink_to(pytestconfig.cache.mkdir("numba"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("STANCEKIT_CACHE", str(kept))
         patch.setattr(executors, "_IDLE_S", 3600)

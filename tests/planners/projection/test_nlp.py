@@ -8,7 +8,6 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.projection.nlp import NlpProgram, parameters, point_of, vector, written
 from stancekit.planners.projection.project import project
@@ -17,11 +16,6 @@ from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.micp import starting_points
 from stancekit.planners.verify import check_plan
 from tests.refusals import refuses
-
-
-@pytest.fixture(scope="module")
-def programs():
-    return Programs()
 
 
 def walked(walk):

@@ -11,7 +11,6 @@ import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.answer import Status
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
@@ -34,11 +33,6 @@ def scenes():
     kept = [(problem, outcome) for problem, outcome in answered if not outcome.details["trivial"]]
     assert {outcome.status for _, outcome in kept} == {Status.FEASIBLE, Status.INFEASIBLE}
     return kept
-
-
-@pytest.fixture(scope="module")
-def programs():
-    return Programs()
 
 
 def test_it_finds_a_verified_witness_exactly_where_there_is_one(scenes, programs):

@@ -12,7 +12,6 @@ import pytest
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search import witness
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import LONG, SHORT, canonical, decide_all
@@ -24,11 +23,6 @@ from tests.planners.oracle import OraclePrograms
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
 FOUND = {"wall-3": 0.5, "wall-5": 0.75, "ground-3": 0.9}
 """The shares of all samples that the iteration finds are about 0.57, 0.87 and 0.95."""
-
-
-@pytest.fixture(scope="module")
-def programs():
-    return Programs()
 
 
 def batch_of(name, count=300, seed=3):
