@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from .planners.answer.trajectory import WalkQuestion as WalkQuestion
     from .planners.errors import InvalidInput as InvalidInput, StancekitError as StancekitError
     from .planners.formats.motion_file import FileCheck as FileCheck
-    from .planners.leap.finder import LeapFinder as LeapFinder
+    from .planners.leap.method import LeapFinder as LeapFinder
     from .planners.problem.contact import Contact as Contact
     from .planners.problem.leap import Leap as Leap
     from .planners.problem.problem import Problem as Problem
@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     from .planners.terrain.footholds import FootholdLimits as FootholdLimits, Footholds as Footholds
     from .planners.terrain.heightfield import HeightField as HeightField
     from .planners.terrain.patch import Patch as Patch
-    from .planners.verify.explain import Explanation as Explanation
+    from .planners.verify.explanation import Explanation as Explanation
     from .planners.warp.conformal import MapFit as MapFit
     from .postures import robot as robot, solve as solve
     from .runner.control.closed_loop import LoopReport as LoopReport
@@ -124,7 +124,7 @@ _HOMES = {
         "StancekitError",
     ),
     "planners.formats.motion_file": ("FileCheck",),
-    "planners.leap.finder": ("LeapFinder",),
+    "planners.leap.method": ("LeapFinder",),
     "planners.problem.contact": ("Contact",),
     "planners.problem.leap": ("Leap",),
     "planners.problem.problem": ("Problem",),
@@ -151,7 +151,7 @@ _HOMES = {
     ),
     "planners.terrain.heightfield": ("HeightField",),
     "planners.terrain.patch": ("Patch",),
-    "planners.verify.explain": ("Explanation",),
+    "planners.verify.explanation": ("Explanation",),
     "planners.warp.conformal": ("MapFit",),
     "postures": (
         "robot",

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any, cast, overload
 
 from stancekit import Answer, Effort, Footholds, Problem, Robot, StandingMap, Status
 from stancekit.planners.answer.certificate import Way
@@ -18,13 +18,11 @@ from stancekit.planners.equilibrium.programs import programs_of_this_thread
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked as checked_number
 from stancekit.planners.files.documents import shown
-from stancekit.planners.formats.motion_file import PartialPlan
-from stancekit.planners.leap.finder import LeapFinder, find_leap
+from stancekit.planners.leap.method import LeapFinder
 from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.contact import wrench_of
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.leap import Leap, is_leap_file
-from stancekit.planners.robot.reach_sets import Sets
 from stancekit.planners.search.answer import Method, Planner, PlanSettings
 from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier
 from stancekit.planners.search.plan_course import LayOut, firmest, plan_course
@@ -33,6 +31,8 @@ from stancekit.planners.verify.margins import with_margins
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.course_between import LaidBetween
+    from stancekit.planners.robot.reach_sets import Sets
+    from stancekit.planners.search.pieces import Kept
 
 _BALANCED = "balanced motion is proved impossible, and leaps are not"
 """Of an answer that is undecided though a flood proves that no balanced motion leads to the goal."""
@@ -180,6 +180,11 @@ def _answer(
 
     Raises NoPlace or PlanningFailed where nothing can be laid out between no two places.
     """
+    kept: Kept | None = None
+    if settings.checkpoint is not None:
+        from stancekit.planners.formats.motion_file import PartialPlan  # of long courses alone
+
+        kept = PartialPlan(Path(settings.checkpoint))
     search = partial(
         plan_course,
         question,
@@ -187,7 +192,7 @@ def _answer(
         push_n=settings.push_n,
         wrench=None if settings.wrench is None else wrench_of(settings.wrench),
         layouts=ALTERNATIVES,
-        kept=None if settings.checkpoint is None else PartialPlan(Path(settings.checkpoint)),
+        kept=kept,
         progress=progress,
     )
     by_frames: Callable[..., Answer[Plan]] = (
@@ -195,10 +200,9 @@ def _answer(
         if settings.prefer_margin
         else partial(search, planner=planner)
     )
-    from stancekit.planners.problem.course_between import LaidBetween  # loads scipy's graphs
-
-    if isinstance(question, LaidBetween):
-        return _between_places(by_frames, question, planner, settings, deadline)
+    if hasattr(question, "onward"):
+        between = cast("LaidBetween", question)
+        return _between_places(by_frames, between, planner, settings, deadline)
     return by_frames(deadline=deadline)
 
 
@@ -298,6 +302,8 @@ def _leap(
         method = LeapFinder()
     if not isinstance(method, LeapFinder):
         raise InvalidInput(f"method: expected a LeapFinder for a leap, got {shown(method)}")
+    from stancekit.planners.leap.finder import find_leap  # of leaps alone
+
     deadline = time.perf_counter() + time_limit_s
     answer = find_leap(leap, method, time_limit_s=time_limit_s)
     if answer.solution is None or not leap.robot.own:
@@ -363,7 +369,8 @@ def _of_problem(course: Problem, frames: int | None, robot: Robot | str | Path |
             course, robot = course.course(robot=robot_of(robot)), None
     if robot is not None:
         raise InvalidInput(
-            f"robot: expected none with a course that is laid out, got {_called(robot)}"
+            "robot: expected none with a course that is laid out, got "
+            f"{robot.name if isinstance(robot, Robot) else robot}"
         )
     if frames not in (None, course.frames):
         raise InvalidInput(
@@ -402,7 +409,3 @@ def _check_map(standing: StandingMap, terrain: Footholds | str | Path) -> None:
         mine = identity_of(name)
         if standing.terrain != mine:
             raise InvalidInput(f"standing: expected a map of {mine}, got one of {standing.terrain}")
-
-
-def _called(robot: Robot | str | Path) -> str:
-    return robot.name if isinstance(robot, Robot) else str(robot)

@@ -22,7 +22,8 @@ import numpy as np
 from _bench import Lines, Row, tally
 
 import stancekit
-from stancekit.planners.robot.robot_file import BUILT_IN, as_they_come, catalogue, provider_folder
+from stancekit.planners.robot.model import BUILT_IN
+from stancekit.planners.robot.robot_file import as_they_come, catalogue, provider_folder
 
 HALF_M = 1.5
 RISE = tan(radians(12.0))

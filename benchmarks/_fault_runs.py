@@ -17,7 +17,6 @@ from _bench import resting, servos
 
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.estop import StopLatch, Stopped
@@ -215,7 +214,7 @@ def behind_rosbridge(
     """A fault of an emulated robot behind a rosbridge."""
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
     robot = accepted.plan.problem.robot
-    joints = joint_names(robot)
+    joints = robot.joint_names
     with rosbridge.RosBridge(joints, first_pose(accepted), ros=ros) as bridge:
         setup = same_names(
             joints,

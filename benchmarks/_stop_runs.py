@@ -31,7 +31,6 @@ from _bench import resting
 from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.safety.estop import StopLatch
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
@@ -187,7 +186,7 @@ def stopped(
     kind: str, path: Path, start: Array, index: int, rng: np.random.Generator
 ) -> dict[str, Any]:
     """One stop. start: joint angles at the plan's beginning."""
-    ending, joints = ("hold", "torque-off")[index // 4 % 2], joint_names(hexapod())
+    ending, joints = ("hold", "torque-off")[index // 4 % 2], hexapod().joint_names
     most_s = (ARMING_S, ARMING_S, FIRST_S, LATEST_S)[index % 4]
     ros = kind in BY_ROS
     with (

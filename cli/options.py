@@ -223,17 +223,17 @@ class MethodOptions:
         from stancekit.planners.search.methods import COURSE_METHODS, METHODS, settings_of
 
         known = METHODS if of == "postures" else COURSE_METHODS
-        takes = {name: settings_of(name, of) for name in (*known, method)}
+        takes = settings_of(method, of)
         given = {each.name: getattr(self, each.name) for each in fields(self)}
         for each in fields(self) if method in known else ():
             name, value = each.name, given[each.name]
-            if value != each.default and name not in takes[method]:
-                fitting = " or ".join(one for one in known if name in takes[one])
+            if value != each.default and name not in takes:
+                fitting = " or ".join(one for one in known if name in settings_of(one, of))
                 option = "no-reserve" if name == "reserve" else name.replace("_", "-")
                 raise InvalidInput(f"--{option}: expected --method {fitting} with it, got {method}")
         if self.envelopes is not None:
             given["envelopes"] = read(self.envelopes)
-        return {k: v for k, v in given.items() if k in takes[method] and v is not None}
+        return {k: v for k, v in given.items() if k in takes and v is not None}
 
 
 @dataclass

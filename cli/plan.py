@@ -163,8 +163,9 @@ def _bent_lines(details: Mapping[str, float]) -> Iterator[str]:
     """
     steps = int(details.get("torque_steps", 0.0))
     how = f"in {steps} step{'s' * (steps != 1)}" if steps else "by other forces"
-    torque, share, depth = (
-        _change(details, name) for name in ("torque_nm", "torque_share", "depth_m")
+    torque, share, depth = (  # before and after, NaN where it is not known
+        (details.get(f"{name}_before", math.nan), details.get(name, math.nan))
+        for name in ("torque_nm", "torque_share", "depth_m")
     )
     if torque[0] != torque[1] and math.isfinite(torque[1]):
         why = ""
@@ -178,11 +179,6 @@ def _bent_lines(details: Mapping[str, float]) -> Iterator[str]:
             yield f"torque: {figures[0]} → {figures[1]} Nm {how}{why}"
     if depth[0] != depth[1] and math.isfinite(depth[1]):
         yield f"deepest collision: {1e3 * depth[0]:.1f} → {1e3 * depth[1]:.1f} mm {how}"
-
-
-def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
-    """A figure before and after; nan where it is not known."""
-    return details.get(f"{name}_before", math.nan), details.get(name, math.nan)
 
 
 def _frames(answer: Answer[Any]) -> int | None:
@@ -533,8 +529,7 @@ class PlanCourse:
 
         Raises InvalidInput.
         """
-        from stancekit.planners.leap.finder import LeapFinder, Order
-        from stancekit.planners.leap.scp import Rule, Scorer
+        from stancekit.planners.leap.method import LeapFinder, Order, Rule, Scorer
 
         orders = get_args(Order)
         if self.method not in ("two-stage", *orders):

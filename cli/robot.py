@@ -90,8 +90,8 @@ class ShowRobot:
         Raises InvalidInput for an option.
         """
         from stancekit.planners.errors import install_command, package_command
+        from stancekit.planners.robot.model import BUILT_IN
         from stancekit.planners.robot.robot_file import (
-            BUILT_IN,
             CATALOGUE,
             as_they_come,
             catalogue,

@@ -198,7 +198,10 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, bool | np.bool_)
     if members := _members(hint):
         return not isinstance(value, type) and all(
-            _has(value, name, one) for name, one in members.items()
+            hasattr(value, name)
+            if isinstance(one, property)
+            else callable(getattr(value, name, None))
+            for name, one in members.items()
         )
     return isinstance(value, origin or hint)
 
@@ -208,14 +211,6 @@ def _members(hint: Any) -> dict[str, Any]:
     names = vars(hint) if getattr(hint, "_is_protocol", False) else {}
     public = {name: one for name, one in names.items() if not name.startswith("_")}
     return {name: one for name, one in public.items() if callable(one) or isinstance(one, property)}
-
-
-def _has(value: Any, name: str, member: Any) -> bool:
-    return (
-        hasattr(value, name)
-        if isinstance(member, property)
-        else callable(getattr(value, name, None))
-    )
 
 
 def _expected(hint: Any) -> str:

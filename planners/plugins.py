@@ -50,11 +50,6 @@ if hasattr(os, "register_at_fork"):
     )
 
 
-def _called(thing: Any) -> str:
-    """Name of a thing in messages: a class by its name, anything else by its value."""
-    return f"the class {thing.__qualname__}" if isinstance(thing, type) else shown(thing)
-
-
 class Registry(Generic[T]):
     """The things of one kind, by name.
 
@@ -125,7 +120,10 @@ class Registry(Generic[T]):
             thing = _attribute(_imported(module, where), attribute, where)
         if self._right.get(name) is not thing:
             if not self._accepts(thing):
-                raise InvalidInput(f"{where}: expected {self.expected}, got {_called(thing)}")
+                came = (
+                    f"the class {thing.__qualname__}" if isinstance(thing, type) else shown(thing)
+                )
+                raise InvalidInput(f"{where}: expected {self.expected}, got {came}")
             self._right[name] = cast(T, thing)
         return cast(T, thing)
 

@@ -30,7 +30,6 @@ from stancekit.planners.files.codec import to_json
 from stancekit.planners.formats.motion_file import read_motion
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import ActuatorModel
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.verify import Report
 from stancekit.planners.verify.judge import judge
 from stancekit.planners.verify.postures import joint_groups
@@ -342,7 +341,7 @@ def check_joints(source: str, robot: Robot, world: SafeWorld, gravity_m_s2: floa
     """Raise InvalidInput unless the world has the robot's joints, in their order, is for such a
     robot, and pulls as it is planned for, where it says how it pulls.
     """
-    wanted, there = joint_names(robot), world.joints
+    wanted, there = robot.joint_names, world.joints
     if tuple(there) != wanted:
         lack, more = sorted(set(wanted) - set(there)), sorted(set(there) - set(wanted))
         differences = "; ".join(

@@ -30,7 +30,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify.explain import Relaxation
+from stancekit.planners.verify.explanation import Relaxation
 from stancekit.planners.verify.margins import support_region
 from stancekit.runner.log import Trace
 from stancekit.runner.motion.time_parametrization import RATE_HZ, streamed

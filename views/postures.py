@@ -23,7 +23,7 @@ from stancekit.planners.motion.plan_motion import key_sample
 from stancekit.planners.problem import Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.terrain import Patch
-from stancekit.planners.verify.explain import Relaxation
+from stancekit.planners.verify.explanation import Relaxation
 
 from .plans import PlanView
 from .robots import RobotShape, climber, cone, cone_body

@@ -22,7 +22,7 @@ from stancekit.planners.robot.meshes import Shape as FileShape, shape_points, th
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Workspace
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.verify.explain import Relaxation
+from stancekit.planners.verify.explanation import Relaxation
 
 from .scene import (
     UP,

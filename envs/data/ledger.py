@@ -27,7 +27,7 @@ from stancekit.planners.errors import InvalidInput, not_installed
 from stancekit.planners.files import writing
 from stancekit.planners.files.documents import open_file, read_json, shown, validation_errors
 from stancekit.planners.files.writing import write_bytes
-from stancekit.planners.robot.robot_file import BUILT_IN
+from stancekit.planners.robot.model import BUILT_IN
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -30,7 +30,7 @@ from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.footholds import FootholdLimits, Footholds, footholds_of
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import doubts
-from stancekit.planners.terrain.mesh_file import MOST_BYTES
+from stancekit.planners.terrain.mesh_formats.numbers import MOST_BYTES
 from stancekit.planners.terrain.polygon import STEEP, half_planes
 from stancekit.planners.terrain.reference import named_surface, names_ground
 from stancekit.planners.terrain.terrain_file import read_heights, read_terrain

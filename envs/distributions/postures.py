@@ -28,7 +28,7 @@ from stancekit.planners.problem import Contact, PostureBatch, Problem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS, TILT_LIMIT_RAD
 from stancekit.planners.problem.posture_batch import Sampler
 from stancekit.planners.robot import Limb, Robot, hexapod
-from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
+from stancekit.planners.robot.model import BUILT_IN
 from stancekit.planners.terrain import Patch
 
 if TYPE_CHECKING:
@@ -147,6 +147,7 @@ class StandingRobot:
             standing_toes,  # slow to import
             workspaces_of,
         )
+        from stancekit.planners.robot.robot_file import named_robot  # loads all that reads robots
         from stancekit.planners.robot.walker import contact_robot, sets_of  # slow to import
 
         model = named_robot(robot) if isinstance(robot, str) else robot.own_model()

@@ -34,7 +34,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import Strict
 from stancekit.planners.files.writing import make_folder, write_bytes
 from stancekit.planners.plugins import code_of, differing
-from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
+from stancekit.planners.robot.model import BUILT_IN
+from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.verify import check_certificate, check_plan
 
 from .executors import Executor, Task, processes

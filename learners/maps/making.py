@@ -50,7 +50,7 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.search.batch import decide_all
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain.footholds import Footholds
-from stancekit.planners.verify.explain import hindrances
+from stancekit.planners.verify.explanation import hindrances
 from stancekit.planners.verify.margins import stance_margins
 
 from ..surrogates.features import half_spaces

@@ -24,7 +24,6 @@ from ..files.arrays import Array
 from ..files.codec import embedded
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
-from ..robot.robot_file import joint_names
 
 if TYPE_CHECKING:
     from ..problem import Problem
@@ -408,7 +407,7 @@ class Motion(Evidence, Generic[Q]):
             {"frame": each.frame, "limbs": [names[i] for i in each.limbs]}
             for each in course.stances
         ]
-        known = {} if self.joints_rad is None else {"joints": list(joint_names(course.robot))}
+        known = {} if self.joints_rad is None else {"joints": list(course.robot.joint_names)}
         return {"limbs": list(names), "toes": toes, "stances": stances, **known}
 
     def moved(self: Motion[Problem], frame: Frame, robot: Robot) -> Motion[Problem]:

@@ -7,9 +7,8 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Literal, get_args
 
 import numpy as np
 
@@ -17,12 +16,12 @@ from ..answer.answer import Answer, Effort, Status
 from ..answer.plan import LeapPlan
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, programs_of_this_thread
-from ..errors import InvalidInput
-from ..files.arrays import Array, check_numbers, checked_choice, checked_int
+from ..files.arrays import Array
 from ..problem.leap import Leap
 from ..verify import check_certificate
 from ..verify.leap_proof import Refuter
 from ..verify.leaps import check_leap
+from .method import FRICTION_SHARE, STOP, LeapFinder as LeapFinder, Order as Order
 from .numbers import LeapNumbers
 from .prove import (
     MARGIN,
@@ -36,7 +35,7 @@ from .prove import (
     ray,
     refuting_ray,
 )
-from .scp import FRICTION_SHARE, STOP, LeapAttempt, Rule, Scorer, attempt, plan_of
+from .scp import LeapAttempt, attempt, plan_of
 
 _HEADS = 96
 """Combinations of each half that are looked at in pairs."""
@@ -150,59 +149,8 @@ def _top(values: Array, count: int) -> Index:
     return np.asarray(at[values[at] > -np.inf])
 
 
-Order = Literal["random", "rule", "noise", "farkas", "finder"]
 _DECIDED = 1e-3
 """A first step that costs less than this says nothing of other choices."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LeapFinder:
-    """Finder of contact choices, and the order in which it tries them.
-
-    Arguments:
-        order: "finder", the rule with both kinds of cuts; "farkas", with the cuts that prove alone;
-            "rule", its best sums first; "noise", the rule with noise and single changes of the best
-            so far; "random".
-        rule: what scores the candidates: the hand rule with its constants, or scores that ``fit``
-            has learned.
-        solves: convex problems at most in search of a plan; 25 find nearly all that is found.
-        stop: cost of a first step above which a choice is given up; inf never gives up.
-        price: price of a unit of predicted cost, in score; 10 to 100 do the same.
-        share: share of the friction that plans use.
-        proof: convex problems at most in search of a proof, after no plan was found; 0 for none.
-        seed: seed of noise and random choices.
-
-    Raises:
-        InvalidInput: for another order, and numbers out of range.
-    Source:
-        Newton and Euler for one rigid body; docs/concepts/leaps.md.
-
-    Example:
-        >>> import stancekit
-        >>> from stancekit.planners.problem.leap_classes import leap_from_keys
-        >>> leap = leap_from_keys({"distribution": "leap-given", "seed": 0}, "drawn")
-        >>> stancekit.plan(leap, stancekit.LeapFinder(order="rule")).method
-        'rule'
-    """
-
-    order: Order = "finder"
-    rule: Scorer = field(default_factory=Rule)
-    solves: int = 100
-    stop: float = STOP
-    price: float = 30.0
-    share: float = FRICTION_SHARE
-    proof: int = 60
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        checked_choice(self.order, "order", get_args(Order))
-        check_numbers(self, above=("share", "price"))
-        if not 0.0 < self.share <= 1.0:
-            raise InvalidInput(
-                f"share: expected a share of the friction up to 1, got {self.share:g}"
-            )
-        checked_int(self.solves, "solves", least=1)
-        checked_int(self.proof, "proof")
 
 
 def find_leap(

@@ -37,7 +37,6 @@ from ..files.codec import LATER, UNWRITTEN, fields_to_json, from_json, to_json
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
 from ..robot.model import Limb, Robot, hexapod
-from ..robot.robot_file import joint_names
 from ..terrain.patch import Frame, Patch
 from ..terrain.polygon import sole_offsets, sole_region
 from .contact import (
@@ -349,7 +348,7 @@ class Problem:
             shapes["points_m"] = (placed, points, 3)
             shapes["point_forces_n"] = (len(self.stances), limbs, points, 3)
         if (self.robot.own and not self.is_posture) or not self.has_soles:
-            joints = 0 if self.is_posture else len(joint_names(self.robot))
+            joints = 0 if self.is_posture else len(self.robot.joint_names)
             shapes["joints_rad"] = (self.frames, joints)
         return {**shapes, "modes": (self.frames,)}
 

@@ -23,8 +23,8 @@ from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from ..files.codec import KEYS
 from ..files.documents import validation_errors
-from ..robot.model import Robot
-from ..robot.robot_file import BUILT_IN, FOOT_RADIUS_M, named_robot
+from ..robot.leg import FOOT_RADIUS_M
+from ..robot.model import BUILT_IN, Robot
 from ..terrain.families import TERRAIN_FAMILIES, Terrain, family_terrain, read_draw
 from ..terrain.footholds import FRICTION, FootholdLimits, Footholds
 from ..terrain.import_options import MOST_TRIANGLES, ImportOptions, check_unasked
@@ -113,6 +113,8 @@ def _foot(robot: Robot | str | Path | None) -> tuple[float, float]:
     if isinstance(robot, Robot):
         soles = any(limb.sole_m is not None for limb in robot.limbs)
         return _EDGE_M if soles else robot.known_radius_m, robot.size
+    from ..robot.robot_file import named_robot  # loads all that reads robots
+
     model = named_robot(robot)
     radii = (leg.radius_m if leg.sole is None else _EDGE_M for leg in model.legs)
     return max(radii, default=0.0), model.size

@@ -207,7 +207,8 @@ def touch_of(pieces: Sequence[_Placed]) -> Touch | None:
         if not ends and (points := shape_points(shape)) is not None:
             far_m = float(np.linalg.norm(pose[1] + points @ pose[0].T, axis=1).max())
             text = f"touches with a {shape.kind}: say with which point or ball, in a YAML file's contacts:"
-            others.append((far_m, (shape.link, _farthest(shape, *pose), 0.0, text)))
+            end = pose[1] + pose[0] @ shape.rotation.T @ (shape.far_m - shape.origin_m)
+            others.append((far_m, (shape.link, end, 0.0, text)))
     ball = max(balls, key=lambda each: each[0], default=None)
     other = max(others, key=lambda each: each[0], default=None)
     if ball is not None and (other is None or other[0] <= ball[0] + _FARTHER_M):
@@ -269,23 +270,15 @@ def sole_of(pieces: Sequence[_Placed], base: Array) -> tuple[FootSole, Array, st
     if best is None or np.ptp(best[0], axis=0).max() < _LEAST_M[0]:
         return None
     corners, turn, depth, near = best
-    corners = _fewer_corners(corners)
-    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    links = [link for link, low in zip(owners, near, strict=True) if low]
-    sole = FootSole(points_m=np.round(corners - middle, 6), rotation=turn)
-    return sole, turn @ np.array([*middle, -depth]), max(links, key=links.count)
-
-
-def _fewer_corners(corners: Array) -> Array:
-    """A polygon of few corners within a convex one, shapes (K, 2) [m]: the corner that takes least
-    area goes first.
-    """
-    while len(corners) > _MOST_CORNERS:
+    while len(corners) > _MOST_CORNERS:  # the corner that takes least area goes first
         one = corners - np.roll(corners, 1, axis=0)
         two = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
         area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
         corners = np.delete(corners, int(np.argmin(area)), axis=0)
-    return corners
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    links = [link for link, low in zip(owners, near, strict=True) if low]
+    sole = FootSole(points_m=np.round(corners - middle, 6), rotation=turn)
+    return sole, turn @ np.array([*middle, -depth]), max(links, key=links.count)
 
 
 _WHEEL = 0.1
@@ -311,13 +304,6 @@ def is_wheel(pieces: Sequence[_Placed], axis: Array, up: Array) -> bool:
     rims = np.cos(turn) * up + np.sin(turn) * np.cross(axis, up)
     radii = (rims @ points.T).max(axis=1, initial=0.0)
     return bool(radii.max() > 0.0 and np.ptp(radii) <= _WHEEL * radii.max())
-
-
-def _farthest(shape: Shape, rotation: Array, origin_m: Array) -> Array:
-    """The end of a shape that is farthest from the link's origin, about, in the last joint's frame,
-    shape (3,) [m].
-    """
-    return np.asarray(origin_m + rotation @ shape.rotation.T @ (shape.far_m - shape.origin_m))
 
 
 def _balls(

@@ -26,7 +26,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, read_only, unpacked
 from ..files.codec import embedded, extracted
 from ..files.documents import read_bytes, shown
-from ..terrain.mesh_file import MOST_BYTES
+from ..terrain.mesh_formats.numbers import MOST_BYTES
 from ..terrain.patch import hull_of
 from .meshes import Shape, kept, points_on, read_mesh, solid_shapes
 

@@ -473,7 +473,10 @@ class _Tree:
         joints = [self.names(end) for end in ends]
         for names in (
             [_shared(each).rstrip("_-. ") for each in joints],
-            [_ending(each) for each in joints],
+            [
+                _shared([_JOINT_WORD.sub("", name)[::-1] for name in each])[::-1].strip("_-. ")
+                for each in joints
+            ],
             [self.foot(end) for end in ends],
         ):
             if all(names) and len(set(names)) == len(names):
@@ -485,8 +488,3 @@ def _shared(names: Sequence[str]) -> str:
     """Beginning that all names share."""
     same = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
     return "".join(letters[0] for letters in same)
-
-
-def _ending(names: Sequence[str]) -> str:
-    """End that all names of joints share, without the word for joint."""
-    return _shared([_JOINT_WORD.sub("", name)[::-1] for name in names])[::-1].strip("_-. ")

@@ -21,7 +21,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, archive_of, read_archive, read_only
 from ..files.documents import read_bytes, shown
 from ..files.writing import cache_folder, write_bytes
-from ..terrain.mesh_file import MOST_BYTES, read_corners
+from ..terrain.mesh_formats.numbers import MOST_BYTES
 
 Kind = Literal["sphere", "box", "cylinder", "capsule", "mesh"]
 _PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
@@ -378,6 +378,8 @@ def read_mesh(path: Path, scale: Array) -> Triangles:
 
     Raises InvalidInput as ``read_corners`` does.
     """
+    from ..terrain.mesh_file import read_corners  # slow to import
+
     corners, faces = read_corners(path)
     first, number = _different(corners)
     return Triangles(vertices_m=corners[first] * scale, faces=number[faces])

@@ -392,7 +392,8 @@ class _Reader:
         model, mujoco = self.model, self.mujoco
         data, dropped = mujoco.MjData(model), list[str]()
         keys = {self._name("key", k): k for k in range(model.nkey)}
-        for name in sorted(keys, key=lambda each: (_rank(each), keys[each])):
+        known = [name for name in _KEY_FRAMES if name in keys]
+        for name in dict.fromkeys([*known, *sorted(keys, key=keys.__getitem__)]):
             mujoco.mj_resetDataKeyframe(model, data, keys[name])
             mujoco.mj_kinematics(model, data)
             low = min((self._lowest(data, g) for b in bodies for g in self._geoms(b)), default=0.0)
@@ -447,10 +448,6 @@ def _meet(one: Index, two: Index) -> bool:
     if not len(one) or not len(two):
         return True  # nothing to look at
     return bool(np.any(one[:, None, 0] & two[None, :, 1] | two[None, :, 0] & one[:, None, 1]))
-
-
-def _rank(name: str) -> int:
-    return _KEY_FRAMES.index(name) if name in _KEY_FRAMES else len(_KEY_FRAMES)
 
 
 def _least(limits: Array) -> float:

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from .robot_model import RobotModel
 
 
+BUILT_IN = ("hexapod",)
+"""Names of the robots that need no file."""
 MOST_ROWS = 256
 ROOM_M = 1e-9
 """A place so far inside of all half-spaces shows that they leave room, without a linear program

@@ -15,7 +15,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from html import escape
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -30,8 +29,7 @@ from ..files.documents import YAML, read_text, read_yaml, shown, validated
 from .hulls import hulls_of_text, hulls_to_text
 from .kinematics import LINKS, limb_posture, link_lengths, outward_rad
 from .leg import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, FootContact, Servo
-from .mjcf import read_mjcf
-from .model import Limb, Robot, hexapod
+from .model import BUILT_IN, Limb, Robot, hexapod
 from .robot_model import RobotModel, model_of
 from .urdf_reader import JointCorrection, Number, Positive, turned
 
@@ -139,17 +137,8 @@ def as_they_come() -> Iterator[tuple[str, str, str]]:
             yield name, provider, path
 
 
-__all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo", "joint_names"]
+__all__ = ["FOOT_RADIUS_M", "JOINTS", "Servo"]
 
-
-def joint_names(robot: Robot) -> tuple[str, ...]:
-    """Names of all joints, limb by limb in the robot's order, from the base outward, e.g.
-    ``LF_yaw``; none where no legs are known.
-    """
-    return robot.joint_names
-
-
-BUILT_IN = ("hexapod",)
 ROBOTS = (".urdf", ".xml")
 """Endings of names of files with a robot alone: URDF and MJCF."""
 
@@ -237,8 +226,12 @@ def _model_of_file(path: Path, **more: Any) -> RobotModel:
     Raises:
         InvalidInput: in one line, for anything else.
     """
+    from .mjcf import read_mjcf  # slow to import
+
     text = read_text(path)
-    mjcf = None if path.suffix == ".urdf" or _is_urdf(text) else read_mjcf(path)
+    first = re.search(r"<([A-Za-z_][\w:.-]*)", re.sub(r"(?s)<!--.*?-->", "", text))
+    is_urdf = path.suffix == ".urdf" or (first is not None and first[1] == "robot")
+    mjcf = None if is_urdf else read_mjcf(path)
     return model_of(
         text if mjcf is None else mjcf.urdf,
         where=str(path),
@@ -246,12 +239,6 @@ def _model_of_file(path: Path, **more: Any) -> RobotModel:
         mjcf=mjcf,
         **more,
     )
-
-
-def _is_urdf(text: str) -> bool:
-    """Tell whether the first element of XML is a robot, as a URDF's is."""
-    first = re.search(r"<([A-Za-z_][\w:.-]*)", re.sub(r"(?s)<!--.*?-->", "", text))
-    return first is not None and first[1] == "robot"
 
 
 def robot_of(robot: Robot | str | Path, *, srdf: str | Path | None = None) -> Robot:
@@ -577,6 +564,8 @@ def _link(name: str, mass: float, inertia: tuple[float, ...], middle: float, sha
 
 def _quoted(name: str) -> str:
     """A name as the value of an attribute, quotes included."""
+    from html import escape  # slow to import
+
     return f'"{escape(name)}"'
 
 

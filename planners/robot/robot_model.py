@@ -12,7 +12,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -29,7 +29,6 @@ from .inverse_kinematics import REACHED_M, descend
 from .leg import FootContact, Leg, Mount, Servo
 from .leg_search import Found, Waist, legs_of
 from .meshes import Shape, disabled_pairs, remove_empty_shapes, shapes_of
-from .mjcf import Mjcf
 from .plausibility import (
     body_doubts,
     foot_doubts,
@@ -56,6 +55,9 @@ from .urdf_reader import (
     speed_doubts,
     turned,
 )
+
+if TYPE_CHECKING:
+    from .mjcf import Mjcf
 
 _DROP = 0.75
 """Share of how far below its hip a foot can be, at which it stands."""

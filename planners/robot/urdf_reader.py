@@ -199,7 +199,10 @@ def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]
         [pattern] if pattern in names else [name for name in names if fnmatchcase(name, pattern)]
     )
     if not names_found:
-        raise InvalidInput(f"{where}: expected one of {_few(names)}, got {shown(pattern)}")
+        listed = list(names)
+        more = f" and {len(listed) - 12} more" if len(listed) > 12 else ""
+        known = ", ".join(listed[:12]) + more
+        raise InvalidInput(f"{where}: expected one of {known}, got {shown(pattern)}")
     return names_found
 
 
@@ -300,11 +303,6 @@ def _standard_error(descriptor: int) -> Iterator[None]:
     finally:
         os.dup2(stderr, 2)
         os.close(stderr)
-
-
-def _few(names: Mapping[str, object]) -> str:
-    listed = list(names)
-    return ", ".join(listed[:12]) + (f" and {len(listed) - 12} more" if len(listed) > 12 else "")
 
 
 GUESSED_RAD_S = 3.0

@@ -31,7 +31,7 @@ from ..problem import Problem
 from ..problem.contact import wrench_of
 from ..problem.standing_map import StandingMap
 from ..projection.whole_body import WholeBodyLimits
-from ..verify import check_certificate, check_plan
+from ..verify import check_plan
 
 if TYPE_CHECKING:
     from ..relaxation.envelope import EnvelopeSet
@@ -179,13 +179,17 @@ class Acceptance:
         bound = 0.0 if posed else bound
         if certificate is not None and status is Status.UNDECIDED:
             certificate = certificate.of(problem)
-            gap = self.gap if posed else 0.0
+            gap, of = self.gap if posed else 0.0, problem.robot.identity
+            from ..verify import check_certificate  # of proofs alone
+
             proof = check_certificate(certificate, tolerance=gap, any_sets=True)
             bound = proof.figures["lower_bound"] if posed else bound
             if proof.accepted:
                 status = Status.INFEASIBLE
                 bound, message = (
-                    (bound, _given(problem)) if posed else (float("inf"), proof.message)
+                    (bound, _GIVEN.format(of) if of else "")
+                    if posed
+                    else (float("inf"), proof.message)
                 )
             else:
                 message = message or f"certificate refused: {proof.message}"
@@ -281,15 +285,6 @@ class Method(ABC):
         most_s = max(min(limit_s, self.most_s), 0.0)
         own_s = None if self.time_limit_s is None else min(self.time_limit_s, most_s)
         return replace(self, most_s=most_s, time_limit_s=own_s)
-
-
-def _given(problem: Problem) -> str:
-    """Set that a proof of a posture problem is over, where its robot may reach further."""
-    return (
-        _GIVEN.format(problem.robot.identity)
-        if problem.is_posture and problem.robot.identity
-        else ""
-    )
 
 
 def plan_of(

@@ -247,7 +247,13 @@ class _Batch:
         points = _gone_on(self._iteration, self._batch, steps, tolerance=self._accept.tolerance)
         self._took(begin, left)
         for k, (posture, off) in points.items():
-            self._feasible(k, posture, off)
+            self.answers[k] = Answer(
+                status=Status.FEASIBLE,
+                solution=posture,
+                bound=0.0,
+                residual=off,
+                **self._told(k, nodes=0.0),
+            )
 
     def refute(self) -> None:
         """Answer what the lift refutes."""
@@ -299,15 +305,6 @@ class _Batch:
         )
         postures = relaxed(self._batch.select(index), tolerance=self._accept.tolerance)
         self.relaxed = {int(index[k]): posture for k, posture in postures.items()}
-
-    def _feasible(self, k: int, posture: Plan, off: float) -> None:
-        self.answers[k] = Answer(
-            status=Status.FEASIBLE,
-            solution=posture,
-            bound=0.0,
-            residual=off,
-            **self._told(k, nodes=0.0),
-        )
 
     def _refuted(self, k: int, certificate: Certificate, bound: float, *, trivial: bool) -> None:
         message = self._told(k, nodes=1.0, trivial=trivial)

@@ -24,7 +24,7 @@ import numpy as np
 from ..answer.answer import Status
 from ..answer.certificate import Certificate
 from ..arguments import cached_property
-from ..equilibrium.layout import Index, Layout
+from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs, multiplier_shapes
 from ..equilibrium.scaled import Point, Scaled, cones_met
 from ..files.arrays import Array
@@ -313,7 +313,8 @@ class CutSearch:
                 return
             if self._project(node) or self._in_vain(node):
                 return
-            for child in self._branch(node):
+            node.row, parts = branch(node.scaled, node.lift, bent=self._bent)
+            for child in [self._node(part) for part in parts]:
                 node.children.append(child)
                 heapq.heappush(queue, (self._proved(child.lift), next(order), child))
 
@@ -381,11 +382,6 @@ class CutSearch:
             self.stopped = f"{self._wanted} is out of the question"
         return vain
 
-    def _branch(self, node: Node) -> list[Node]:
-        """Two children that cover the node."""
-        node.row, parts = branch(node.scaled, node.lift, bent=self._bent)
-        return [self._node(part) for part in parts]
-
     @cached_property
     def _bent(self) -> Array:
         return bent_patches(self._whole, _FLAT * (self._gap or _WIDENED))
@@ -426,7 +422,8 @@ def branch(
     contact = int(spread.max(axis=1).argmax()) if contact is None else contact
     axis = int(spread[contact].argmax())
     foothold = int(scaled.layout.contacts[2][contact])
-    candidate = _largest(scaled.layout, lift.shares, foothold)
+    candidates = np.flatnonzero(scaled.layout.candidate_footholds == foothold)
+    candidate = int(candidates[lift.shares[candidates].argmax()])
     piece, number = scaled.pieces[candidate], int(scaled.numbers[candidate])
     low, high = scaled.force_min.copy(), scaled.force_max.copy()
     grip = scaled.by_candidate(scaled.friction, 0.0).max(axis=1)[scaled.layout.contacts[2]]
@@ -520,9 +517,3 @@ def spreads(lift: LiftAnswer) -> Array:
     mean = np.add.reduceat(lift.by_vertex, starts)
     away = lift.by_vertex / np.maximum(share, 1e-9) - mean[contact]
     return np.asarray(np.sqrt(np.add.reduceat(share * away**2, starts)))
-
-
-def _largest(layout: Layout, shares: Array, foothold: int) -> int:
-    """The candidate of a foothold that has most of it, among all candidates."""
-    candidates = np.flatnonzero(layout.candidate_footholds == foothold)
-    return int(candidates[shares[candidates].argmax()])

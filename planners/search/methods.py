@@ -23,8 +23,6 @@ from .answer import (
     Planner,
     VerifiedPlanner,
 )
-from .exact import Exact
-from .micp import Decoupled, Micp, Nlp
 from .two_stage import TwoStage
 
 if TYPE_CHECKING:
@@ -98,15 +96,15 @@ def lift(*, projection: Projection | None = None) -> TwoStage:
 
 
 _Make = Callable[..., Any]
-_OWN: Mapping[str, _Make] = MappingProxyType(
+_OWN: Mapping[str, _Make | str] = MappingProxyType(
     {
-        "exact": Exact,
+        "exact": "stancekit.planners.search.exact:Exact",
         "p1": p1,
         "lift": lift,
         "two-stage": TwoStage,
-        "nlp": Nlp,
-        "micp": Micp,
-        "decoupled": Decoupled,
+        "nlp": "stancekit.planners.search.micp:Nlp",
+        "micp": "stancekit.planners.search.micp:Micp",
+        "decoupled": "stancekit.planners.search.micp:Decoupled",
     }
 )
 METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")

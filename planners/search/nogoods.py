@@ -79,7 +79,8 @@ class Nogoods:
             if root is None:
                 continue
             learned = True
-            self._keep(self._widened(stance, choice, root, share))
+            self.entries.append(self._widened(stance, choice, root, share))
+            self.masks = np.concatenate([self.masks, self.entries[-1].refuted[None]])
         return learned
 
     def covering(self, choice: Index, foothold: int) -> Array:
@@ -171,7 +172,3 @@ class Nogoods:
         search.run()
         self._clock.count(search.solves, search.seconds)
         return None if search.found is not None or search.stopped else search.root
-
-    def _keep(self, nogood: _Nogood) -> None:
-        self.entries.append(nogood)
-        self.masks = np.concatenate([self.masks, nogood.refuted[None]])

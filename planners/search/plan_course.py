@@ -32,7 +32,6 @@ from ..problem.alternatives import (
     ordered,
 )
 from ..problem.course_keys import LEVEL_RAD
-from ..problem.guide_path import Overhead
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.centre import at_clear_places, walls_of, with_room_for_legs
 from ..projection.held import PRESSES, PUSHES, pushed
@@ -607,6 +606,8 @@ def _laid_out(
                     raise
                 left = ordered(left, "contacts")
                 if others:
+                    from ..problem.guide_path import Overhead  # slow to import
+
                     left = [*left, *LOW]
                     said = error.args[0]
                     if isinstance(
@@ -705,7 +706,7 @@ def _slipping(refuted: Answer[Plan], alternative: Alternative) -> str:
     """
     if alternative != AS_ASKED or refuted.certificate is None:
         return ""
-    from ..verify.explain import explain  # slow to import
+    from ..verify.explanation import explain  # slow to import
 
     first = next(iter(explain(refuted.certificate).relaxations), None)
     if first is None or not first.parameter.startswith("friction everywhere"):

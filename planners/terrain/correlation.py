@@ -21,13 +21,12 @@ from scipy.ndimage import (
     minimum_filter,
     uniform_filter1d,
 )
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.special import chdtri
 
 from ..arguments import cached_property
 from ..files.arrays import Array
 from .elevation import BESIDE, LAYER_M, ElevationMap
+from .triangle_mesh import connected as connected
 
 _QUIETEST = (0.04, 0.12, 0.35)
 """Quantiles of the residuals of small windows from which the noise is estimated, the least: no edge
@@ -163,13 +162,6 @@ class GroundCells:
 def moments_of(one: Array, x: Array, y: Array, z: Array) -> Array:
     """The moments 1, x, y, xx, xy, yy, z, xz, yz, zz of heights, one each, shape (10, …)."""
     return np.stack([one, x, y, x * x, x * y, y * y, z, x * z, y * z, z * z])
-
-
-def connected(one: Labels, other: Labels, count: int) -> tuple[int, Labels]:
-    """Number of parts that hang together by pairs of so many things, and the part of each."""
-    links = coo_array((np.ones(len(one), dtype=bool), (one, other)), shape=(count, count))
-    number, part = connected_components(links, directed=False)
-    return int(number), np.asarray(part, dtype=np.int_)
 
 
 def hanging_together(down: NDArray[np.bool_], right: NDArray[np.bool_]) -> Labels:

@@ -16,14 +16,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ..errors import installed
 from ..files.arrays import Array
-from .correlation import connected
 from .patch import Certainty, Patch, flat_patches
 from .polygon import shear_of, width
-from .triangle_mesh import TriangleMesh, doubled
+from .triangle_mesh import TriangleMesh, connected, doubled
 
 _STRAIGHT = 1e-3
 """Sine of a turn that counts as none: 57 mm off on 57 m."""
@@ -469,9 +467,9 @@ def _merged_planes(
     about = corners.mean(axis=(0, 1)) if len(corners) else np.zeros(3)
     offset = np.vecdot(corners[seed, 0] - about, normals[seed])
     reach = float(np.abs(corners - about).max(initial=0.0)) * COPLANAR_RAD + FLAT_M
-    near = KDTree(np.column_stack([normals[seed] / COPLANAR_RAD, offset / reach])).query_pairs(
-        1.0, output_type="ndarray"
-    )
+    planes = np.column_stack([normals[seed] / COPLANAR_RAD, offset / reach])
+    near = near_planes(planes, planes, 1.0)
+    near = near[near[:, 0] < near[:, 1]]
     keep = np.ones(len(near), dtype=bool)
     for one, other in (near.T, near.T[::-1]):
         off = np.einsum(
@@ -490,6 +488,15 @@ def _merged_planes(
             whose[members] = min(members)
             merged.update(members)
     return np.asarray(whose[labels])
+
+
+def near_planes(planes: Array, others: Array, within: float) -> NDArray[np.int_]:
+    """Pairs of either that are no farther apart than that, shapes (·, 4) → (K, 2)."""
+    shapely = shapely_module()
+    places, wanted = (shapely.points(each[:, [0, 3]]) for each in (planes, others))
+    pairs = shapely.STRtree(places).query(wanted, "dwithin", 1.01 * within).T[:, ::-1]
+    away = np.linalg.norm(planes[pairs[:, 0]] - others[pairs[:, 1]], axis=1)
+    return np.asarray(pairs[away <= within])
 
 
 def edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:

@@ -11,18 +11,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import factorial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, vstack
-from scipy.sparse.linalg import splu
 
 from ..arguments import cached_property
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_members, checked_name, read_only
 from .patch import Patch
 from .polygon import EDGE_M, UPRIGHT, VOID_M, nearest
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _REACH_M = 100.0
 """Distance beyond its data that a spline's knots reach [m]."""
@@ -64,6 +65,8 @@ def rows_of(first: NDArray[np.intp], values: Array, size: int) -> csr_array:
     """Rows of a sparse matrix with so many columns, each of four values, shape (N, 4), from the
     column ``first`` on, shape (N,).
     """
+    from scipy.sparse import csr_array  # slow to import
+
     columns = first[:, None] + np.arange(4)
     rows = np.repeat(np.arange(len(columns)), 4)
     return csr_array((values.ravel(), (rows, columns.ravel())), shape=(len(columns), size))
@@ -131,6 +134,9 @@ class CubicBasis:
         Its second derivative is 0 at both ends and beyond: it goes on as a straight line, and stays
         C².
         """
+        from scipy.sparse import vstack
+        from scipy.sparse.linalg import splu  # slow to import
+
         inner = self.knots[3:-3]
         straight = self.matrix(inner[(inner <= sites[0]) | (inner >= sites[-1])], 2)
         rows = vstack([self.matrix(sites), straight], format="csc")

@@ -234,7 +234,14 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
     """Boxes over cells from a bottom to a top, −inf where there is none, each of cells that are
     about alike, shape (B, 6).
     """
-    bottom, top = _closed(bottom, top)
+    for axis in (0, 1):  # a gap of one cell is closed
+        before, after = (
+            (np.roll(each, 1, axis), np.roll(each, -1, axis)) for each in (bottom, top)
+        )
+        low, high = (np.stack(pair) for pair in (before, after))
+        gap = ~np.isfinite(top) & np.isfinite(high).all(axis=0)
+        np.moveaxis(gap, axis, 0)[[0, -1]] = False
+        bottom, top = np.where(gap, low.min(axis=0), bottom), np.where(gap, high.max(axis=0), top)
     boxes = np.zeros((0, 6))
     for alike in _ALIKE_M:
         rectangles = list(_rectangles(bottom, top, alike))
@@ -245,19 +252,6 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
     boxes[:, 2:4] = corner[1] + spacing * boxes[:, 2:4] + [_APART_M, -_APART_M]
     boxes[:, 5] = np.maximum(boxes[:, 5], boxes[:, 4] + 2.0 * _SUNK_M)
     return boxes
-
-
-def _closed(bottom: Array, top: Array) -> tuple[Array, Array]:
-    """Cells without gaps of one cell."""
-    for axis in (0, 1):
-        before, after = (
-            (np.roll(each, 1, axis), np.roll(each, -1, axis)) for each in (bottom, top)
-        )
-        low, high = (np.stack(pair) for pair in (before, after))
-        gap = ~np.isfinite(top) & np.isfinite(high).all(axis=0)
-        np.moveaxis(gap, axis, 0)[[0, -1]] = False
-        bottom, top = np.where(gap, low.min(axis=0), bottom), np.where(gap, high.max(axis=0), top)
-    return bottom, top
 
 
 def _rectangles(bottom: Array, top: Array, alike: float) -> Iterator[tuple[float, ...]]:

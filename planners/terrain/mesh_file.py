@@ -23,7 +23,15 @@ from ..errors import InvalidInput, installed
 from ..files.arrays import Array
 from ..files.documents import parse_xml, read_bytes, read_text
 from .import_options import doubt
-from .mesh_formats.numbers import MOST_TRIANGLES, Reader, Surface, TooMany, Triangles, check_count
+from .mesh_formats.numbers import (
+    MOST_BYTES,
+    MOST_TRIANGLES,
+    Reader,
+    Surface,
+    TooMany,
+    Triangles,
+    check_count,
+)
 from .mesh_formats.ply import read_obj, read_off, read_ply, read_stl
 from .mesh_formats.scenes import read_collada, read_glb
 
@@ -39,7 +47,6 @@ READERS: Mapping[str, Reader] = MappingProxyType(
 )
 """The reader of each format, by the ending of a file's name."""
 
-MOST_BYTES = 128_000_000
 _LARGEST = 1e9
 """A coordinate of a file in any unit."""
 

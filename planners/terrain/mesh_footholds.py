@@ -16,10 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from ..files.arrays import Array
-from .correlation import connected
 from .facets import (
     COPLANAR_RAD,
     FLAT_M,
@@ -28,6 +26,7 @@ from .facets import (
     Plane,
     edge_pairs,
     facets_of,
+    near_planes,
     parts_of,
     shapely_module,
     smoothed,
@@ -35,7 +34,7 @@ from .facets import (
 from .footholds import REASONS, FootholdLimits, Footholds, Rung, TerrainPatch, held_on_both_sides
 from .patch import THICKNESS_M, Patch
 from .polygon import SMALLEST_M
-from .triangle_mesh import TriangleMesh, doubled
+from .triangle_mesh import TriangleMesh, connected, doubled
 
 _SLIMMEST_M, _WIDEST_M = 4e-3, 0.25
 """Radii of rungs [m]."""
@@ -348,15 +347,11 @@ def _one_sided(facets: list[FlatPiece], free: dict[int, FlatPiece]) -> list[Flat
     planes = np.array(
         [[*facet.plane.normal, facet.plane.normal @ facet.plane.origin_m] for facet in facets]
     )
-    behind, facets_left = (
-        KDTree(planes[numbers]).query_ball_point(-planes, COPLANAR_RAD),
-        list[FlatPiece](),
-    )
-    for number, (facet, behind_it) in enumerate(zip(facets, behind, strict=True)):
+    behind, facets_left = near_planes(-planes, planes[numbers], COPLANAR_RAD), list[FlatPiece]()
+    for number, facet in enumerate(facets):
         over = []
-        for top in (
-            free[k] for k in numbers[behind_it].tolist() if number not in free or k < number
-        ):
+        behind_it = numbers[behind[behind[:, 0] == number, 1]].tolist()
+        for top in (free[k] for k in behind_it if number not in free or k < number):
             corners = top.plane.world(shapely.get_coordinates(top.polygon))
             if len(corners) and np.abs(facet.plane.height(corners)).max() < FLAT_M:
                 over.append(

@@ -18,8 +18,8 @@ from ..files.documents import decoded, read_bytes, shown
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M, HeightField
 from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind, doubts
-from .mesh_file import MOST_BYTES, read_corners, read_scene
-from .mesh_formats.numbers import Surface
+from .mesh_file import read_corners, read_scene
+from .mesh_formats.numbers import MOST_BYTES, Surface
 from .mesh_formats.ply import HEAD_BYTES, read_ply
 from .triangle_mesh import TriangleMesh
 

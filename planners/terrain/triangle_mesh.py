@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
-from .correlation import connected
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M, HeightField
 from .import_options import OTHER_UNIT, ImportOptions, doubt
@@ -55,6 +54,22 @@ _RAY = np.array(
     ]
 )
 """Axes in columns, the last of them along the rays: no terrain's edges are parallel to it."""
+
+
+def connected(
+    one: NDArray[np.int_], other: NDArray[np.int_], count: int
+) -> tuple[int, NDArray[np.int_]]:
+    """Number of parts that hang together by pairs of so many things, and the part of each: as
+    SciPy's ``connected_components``, which takes longer to import than most meshes to read.
+    """
+    part = np.arange(count)
+    while (apart := part[one] != part[other]).any():
+        one, other = one[apart], other[apart]
+        np.minimum.at(part, *np.sort([part[one], part[other]], axis=0)[::-1])
+        while np.any(part != part[part]):
+            part = part[part]
+    first = part == np.arange(count)
+    return int(first.sum()), (np.cumsum(first) - 1)[part]
 
 
 def doubled(spread: Array) -> Array:

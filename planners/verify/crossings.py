@@ -55,7 +55,12 @@ def check_crossing(crossing: Motion[Way]) -> Report[Motion[Way]]:
     """
     groups, defect = list[Group](), _defect(crossing)
     if not defect:
-        groups += _parts(crossing)
+        words = zip(crossing.parts, crossing.part_words, strict=True)
+        for k, (part, word) in enumerate(words, 1):
+            report = judge(part)
+            groups.append(_verdict(f"{k}: {word}", report))
+            if not (part.keyed or report.defect):
+                groups += _over(crossing, k, part)
         if not any(group.value == _BROKEN for group in groups):
             groups += _seams(crossing)
             groups.append(_goal(crossing))
@@ -103,14 +108,6 @@ def differs(mine: Robot, other: Robot) -> str:
         return ""
     both = mine.digest and other.digest
     return "their legs are of different files" if both else "only one of them has legs of its own"
-
-
-def _parts(crossing: Motion[Way]) -> Iterator[Group]:
-    for k, (part, word) in enumerate(zip(crossing.parts, crossing.part_words, strict=True), 1):
-        report = judge(part)
-        yield _verdict(f"{k}: {word}", report)
-        if not (part.keyed or report.defect):
-            yield from _over(crossing, k, part)
 
 
 def _verdict(name: str, report: Report[Any]) -> Group:

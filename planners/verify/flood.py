@@ -41,7 +41,7 @@ from ..problem.passage import FACING_UP, Passage, tops_of_solids
 from ..robot.outer_sets import Extent
 from ..terrain.patch import Patch
 from .certificate import Refused, expect, proof_report
-from .explain import Explanation
+from .explanation import Explanation
 
 KINDS = MappingProxyType({"raster": 0, "spacing": 1, "piece": 2, "set": 3, "run": 4})
 _MOST_NODES, _MOST_CELLS, MOST_SPACING_M = 10, 1_000_000, 0.05

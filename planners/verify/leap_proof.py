@@ -33,7 +33,7 @@ from ..files.arrays import Array, cross, lengths
 from ..physics import GRAVITY_M_S2
 from ..problem.leap import Leap
 from .certificate import Refused, expect, leaves_of, proof_report
-from .explain import Explanation, Relaxation, halved
+from .explanation import Explanation, Relaxation, halved
 from .geometry import most_turned
 
 _MOST_GRIP = 3.0

@@ -26,7 +26,7 @@ import numpy as np
 
 from ..files.arrays import Array, cross, lengths
 from ..files.codec import Columns
-from .explain import halved
+from .explanation import halved
 from .lagrangian import Numbers
 from .stances import Index
 

@@ -26,7 +26,6 @@ from stancekit.planners.motion.motion import LARGEST_RATE_HZ, MotionTable, Playe
 from stancekit.planners.motion.plan_motion import reached_s
 from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.terrain.mesh_file import compiled_mjcf
 
 from ..motion.time_parametrization import RATE_HZ, joint_motion
@@ -626,7 +625,7 @@ def moved_of(subject: Motion[Any], to: str, rate_hz: float = RATE_HZ, source: st
             ) from None
     sampled = feet_motion(subject) if motion is None else motion
     robot, limbs, terrain, gravity_m_s2 = scene_of(subject)
-    joints = () if motion is None or robot is None else joint_names(robot)
+    joints = () if motion is None or robot is None else robot.joint_names
     name = "" if robot is None else robot.name
     table = table_of(sampled, limbs, joints, rate_hz, robot=name, source=source)
     keys = reached_s(motion).tolist() if motion is not None and subject.keyed else ()

@@ -30,7 +30,7 @@ from stancekit.cli.verify import Verify
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.robot import Limb, Robot, hexapod, reach_sets
 from stancekit.planners.robot.leg import Servo
-from stancekit.planners.robot.robot_file import drawn_urdf, joint_names
+from stancekit.planners.robot.robot_file import drawn_urdf
 from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said
 from tests.damage.files import make_files
@@ -202,7 +202,7 @@ def test_a_robot_of_any_name_is_a_whole_urdf() -> None:
     movable = [
         joint.attrib["name"] for joint in tree.iter("joint") if joint.attrib["type"] == "revolute"
     ]
-    assert tuple(movable) == joint_names(robot)
+    assert tuple(movable) == robot.joint_names
     links = {link.attrib["name"] for link in tree.iter("link")}
     assert {
         end.attrib["link"]

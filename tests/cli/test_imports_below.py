@@ -20,7 +20,6 @@ import pytest
 import stancekit
 import stancekit.cli
 from stancekit.configs import config_path
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel.control_table import nominal
 
 FOLDER = Path(stancekit.cli.__file__).parent
@@ -83,8 +82,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         CHOICES: (
             "planners.answer.plan",
             "planners.answer.report",
-            "planners.leap.finder",
-            "planners.leap.scp",
+            "planners.leap.method",
             "planners.problem.leap",
             "planners.search.methods",
         ),
@@ -104,6 +102,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "robot": {
         TOOL: (
+            "planners.robot.model",
             "planners.robot.reach_sets",
             "planners.robot.robot_file",
         ),
@@ -334,7 +333,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     plan = stancekit.plan("stairs", frames=2).solution
     stancekit.save(plan, folder / "climb.json")
     stancekit.label("wall-3", folder / "rows", rows=(1, 1))
-    joints = joint_names(plan.problem.robot)
+    joints = plan.problem.robot.joint_names
     nominal(plan.problem.robot, port="/dev/null").write(folder / "servos.yaml")
     names = "\n".join(f"  {name}: {{name: {name}}}" for name in joints)
     (folder / "ros.yaml").write_text(f"format: stancekit/ros/1\nrobot: hexapod\njoints:\n{names}\n")

@@ -24,7 +24,6 @@ from stancekit.planners.formats.motion_file import write_motion
 from stancekit.planners.formats.question_file import write_boxes
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.verify import check_plan
 from stancekit.runner.log import read_log
 from stancekit.runner.worlds.dynamixel.control_table import nominal
@@ -361,7 +360,7 @@ def test_where_no_known_actuator_bears_a_plan_that_is_said(
 def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_motion(
     folder: Path, capsys: pytest.CaptureFixture[str], world: Any, change: dict[str, Any], said: str
 ) -> None:
-    joints = joint_names(hexapod())
+    joints = hexapod().joint_names
     data = asdict(
         nominal(hexapod(), port="bus", desk=True) if world == "dynamixel" else same_names(joints)
     )

@@ -25,7 +25,7 @@ from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.envelope import expert_envelopes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import drawn_urdf, joint_names
+from stancekit.planners.robot.robot_file import drawn_urdf
 from stancekit.planners.robot.walker import hexapod_walker, named_walker
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.terrain.heightfield import HeightField
@@ -108,7 +108,7 @@ def _plans(folder: Path) -> None:
     _shortened(folder / "long.mcap", folder / "run.mcap")
     for suffix in MOTIONS:
         command(("export", "plan.json", "--rate-hz", "2", "--out", f"motion.{suffix}"))
-    joints = joint_names(plan.problem.robot)
+    joints = plan.problem.robot.joint_names
     nominal(plan.problem.robot, port="/dev/none").write(folder / "servos.yaml")
     same_names(joints, host="127.0.0.1", port=1, timeout_s=0.1).write(folder / "ros.yaml")
 

@@ -97,10 +97,9 @@ def start_of(path: Path) -> tuple[tuple[str, ...], Array]:
     """Joint names, and angles [rad] of shape (J,) at the first key frame of a plan file."""
     from stancekit.planners.formats.motion_file import read_motion
     from stancekit.planners.motion.joints import plan_angles
-    from stancekit.planners.robot.robot_file import joint_names
 
     plan, _ = read_motion(path)
-    return joint_names(plan.problem.robot), plan_angles(plan)[0][0]
+    return plan.problem.robot.joint_names, plan_angles(plan)[0][0]
 
 
 def serve(where: dict[str, Any], device: Emulated, fault: str) -> int:

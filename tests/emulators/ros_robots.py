@@ -12,7 +12,6 @@ from roslibpy.comm import comm_asyncio
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from stancekit.runner.worlds.world import State
@@ -22,7 +21,7 @@ from tests.emulators.rosbridge import RosBridge
 from .fast_time import PACE, FastTime, on_robot_time
 
 ROBOT = hexapod()
-JOINTS = joint_names(ROBOT)
+JOINTS = ROBOT.joint_names
 START = np.tile([0.0, 0.3, 0.0, 1.2], len(ROBOT.limbs))
 QUICK: dict[str, Any] = {"timeout_s": 1.5, "estop": "/e_stop"}
 

@@ -21,7 +21,6 @@ from hypothesis import given, strategies as st
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.runner.worlds.dynamixel import control_table as table, port as servo_port
 from stancekit.runner.worlds.dynamixel.bus import MeasurementJudge
 from stancekit.runner.worlds.dynamixel.control_table import (
@@ -40,7 +39,7 @@ from tests.refusals import refuses
 LATENCY_MS = 40.0
 """Emulated servos answer late where tests share a machine with others."""
 ROBOT = hexapod()
-JOINTS = joint_names(ROBOT)
+JOINTS = ROBOT.joint_names
 START = np.tile([0.2, 0.5, -0.3, 1.0], 6)
 POSE = np.zeros(3), np.eye(3)
 STILL = (), np.zeros(24), *POSE

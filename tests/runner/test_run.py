@@ -23,7 +23,6 @@ from stancekit.planners.motion.plan_motion import Timing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.robot.robot_file import joint_names
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.search.witness import with_whole_body
@@ -365,7 +364,7 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
     from stancekit.runner.worlds.dynamixel.control_table import nominal
     from stancekit.runner.worlds.ros.setup import same_names
 
-    course, joints = accepted.plan.problem, joint_names(accepted.plan.problem.robot)
+    course, joints = accepted.plan.problem, accepted.plan.problem.robot.joint_names
     setup = tmp_path / "setup.yaml"
     for who in (None, "hexapod"):
         nominal(course.robot, port="none", robot=who).write(setup)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, joint_names
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot
 from stancekit.planners.terrain import Patch
@@ -222,7 +222,7 @@ def test_targets_are_sent_within_the_limits_of_joints_and_of_their_speed(world: 
 
 
 def test_it_says_what_it_can_do_and_closes_more_than_once(world: JointBus) -> None:
-    assert world.joints == joint_names(ROBOT)
+    assert world.joints == ROBOT.joint_names
     assert world.rate_hz == 200.0
     with make_world(world.name, ROBOT) as other:
         other.close()

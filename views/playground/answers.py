@@ -24,7 +24,7 @@ from stancekit.planners.problem.course_between import LaidBetween
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import explain
-from stancekit.planners.verify.explain import Relaxation
+from stancekit.planners.verify.explanation import Relaxation
 
 from .scenario import Scenario
 

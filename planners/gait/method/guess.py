@@ -81,8 +81,12 @@ class GuessedWalk:
         xy = self.torso_xy(times_s)
         height, slope = self._body.height_and_gradient(xy)
         lift = self._task.robot.stand_height_m * np.sqrt(1.0 + np.sum(slope**2, axis=1))
-        yaws = _yaws(self.yaw(times_s))
-        return np.column_stack([xy, height + lift]), np.asarray(_shear_rotations(slope) @ yaws)
+        yaw = self.yaw(times_s)
+        cosine, sine, zero = np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)
+        yaws = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1.0], axis=-1)
+        return np.column_stack([xy, height + lift]), np.asarray(
+            _shear_rotations(slope) @ yaws.reshape(-1, 3, 3)
+        )
 
     def torso_bar(self, times_s: Array) -> Array:
         """(p̄, θ̄), shape (K, 6)."""
@@ -169,13 +173,6 @@ def euler_angles(rotation: Array) -> Array:
 def _put(x: Array, entries: Index, values: Array) -> None:
     there = entries != NOTHING
     x[entries[there]] = values[there]
-
-
-def _yaws(angles: Array) -> Array:
-    cosine, sine, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
-    return np.stack(
-        [cosine, -sine, zero, sine, cosine, zero, zero, zero, zero + 1.0], axis=-1
-    ).reshape(-1, 3, 3)
 
 
 def _shear_rotations(slope: Array) -> Array:

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ...answer.answer import Answer, Effort, Status
@@ -288,10 +289,9 @@ def leg_loads(structure: Structure, report: Report[Trajectory], room: float = _R
     sample = np.clip(
         np.rint(structure.times_s / trajectory.step_s).astype(int), 1, trajectory.samples - 2
     )
-    from scipy.ndimage import maximum_filter1d  # slow to import
-
-    about = 2 * (round(0.5 * structure.settings.step_s / trajectory.step_s)) + 1
-    highest = maximum_filter1d(np.abs(body.torques_nm), about, axis=0, mode="nearest")[sample - 1]
+    about = round(0.5 * structure.settings.step_s / trajectory.step_s)
+    around = np.pad(np.abs(body.torques_nm), ((about, about), (0, 0)), mode="edge")
+    highest = sliding_window_view(around, 2 * about + 1, axis=0).max(axis=-1)[sample - 1]
     torques, angles = body.torques_nm[sample - 1], body.postures.angles[sample]
     rotation, forces = trajectory.rotation[sample], trajectory.forces_n[sample]
     most = (report.limits["torque"] - room) * solver.torque_nm - (highest - np.abs(torques))

@@ -25,6 +25,7 @@ Reader: TypeAlias = Callable[[bytes, int], Surface]
 N = TypeVar("N")
 Node: TypeAlias = tuple[Array, Iterable[Surface], Iterable[N]]
 
+MOST_BYTES = 128_000_000
 MOST_TRIANGLES = 3_000_000
 """Most triangles of any mesh, a robot's or a terrain's, unless fewer are wanted."""
 BLOCK = 1 << 20

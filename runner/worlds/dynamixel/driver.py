@@ -21,7 +21,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import Actuators
-from stancekit.planners.robot.robot_file import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo
 
 from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld, listed
@@ -214,7 +214,7 @@ class DynamixelWorld(HardwareWorld):
     def make(cls, settings: WorldSettings) -> Self:
         """Make the world, see ``JointBus``."""
         calibration = Calibration.from_yaml(
-            settings.file("a calibration file", cls.name), joint_names(settings.robot)
+            settings.file("a calibration file", cls.name), settings.robot.joint_names
         )
         settings.check_name(calibration.robot)
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz

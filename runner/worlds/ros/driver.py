@@ -21,7 +21,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import Actuators
-from stancekit.planners.robot.robot_file import Servo, joint_names
+from stancekit.planners.robot.robot_file import Servo
 
 from ...safety.estop import StopLatch
 from ..drives import Drives
@@ -522,7 +522,7 @@ class RosWorld(HardwareWorld):
     def make(cls, settings: WorldSettings) -> Self:
         """Make the world, see ``JointBus``."""
         setup = RosSetup.from_yaml(
-            settings.file("a set-up file", cls.name), joint_names(settings.robot)
+            settings.file("a set-up file", cls.name), settings.robot.joint_names
         )
         settings.check_name(setup.robot)
         return cls(

@@ -23,7 +23,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import Servo
 from stancekit.planners.robot.model import robot_of
 from stancekit.planners.robot.reach_sets import workspaces_of
-from stancekit.planners.robot.robot_file import drawn_urdf, joint_names
+from stancekit.planners.robot.robot_file import drawn_urdf
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.walker import contact_robot, sets_of
 from stancekit.planners.search.plan_course import plan_course
@@ -76,7 +76,7 @@ def plan() -> Motion:
 
 def test_limbs_alone_have_no_legs() -> None:
     robot = build_course(spec_from(FOUR)).robot
-    assert joint_names(robot) == ()
+    assert robot.joint_names == ()
     for ask in (lambda: robot.legs, lambda: Kinematics(robot)):
         with pytest.raises(InvalidInput) as error:
             ask()
@@ -95,7 +95,7 @@ def test_legs_are_drawn_up_where_a_file_asks_for_them(tmp_path: Path) -> None:
     servo = Servo(torque_nm=12.0, velocity_rad_s=3.0)
     course = build_course(spec_from(four(torque_nm=12.0, velocity_rad_s=3.0)))
     assert course.robot.drawn == servo
-    assert len(joint_names(course.robot)) == 16
+    assert len(course.robot.joint_names) == 16
     kinematics = Kinematics(course.robot)
     assert set(kinematics.torque_nm) == {12.0}
     assert set(kinematics.velocity_rad_s) == {3.0}
@@ -162,14 +162,14 @@ def test_a_robot_pickles_as_its_source_and_never_as_a_solvers_objects() -> None:
     """
     own = model_of(quadruped())
     for robot in (robot_of(own), hexapod(), build_course(spec_from(FOUR)).robot):
-        names = joint_names(robot)
+        names = robot.joint_names
         if names:
             assert Kinematics(robot).joints == names  # parsed and built
         content = pickle.dumps(robot)
         assert b"pinocchio" not in content
         assert b"ElementTree" not in content
         again = pickle.loads(content)
-        assert (joint_names(again), again.identity) == (names, robot.identity)
+        assert (again.joint_names, again.identity) == (names, robot.identity)
         assert again.digest == robot.digest
         if names:
             assert Kinematics(again).joints == names

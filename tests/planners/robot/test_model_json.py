@@ -19,7 +19,6 @@ from stancekit.planners.robot.leg import Servo
 from stancekit.planners.robot.robot_file import (
     FOOT_RADIUS_M,
     MOST_LETTERS,
-    joint_names,
     named_robot,
 )
 from tests.planners.robot.small_urdfs import quadruped
@@ -214,7 +213,7 @@ def test_a_robot_of_balls_gets_the_legs_that_are_drawn_up_and_another_one_its_ow
     robot = hexapod()
     drawn = robot.legs
     assert drawn.digest == named_robot("hexapod").digest
-    assert tuple(name for leg in drawn.legs for name in leg.joint_names) == joint_names(robot)
+    assert tuple(name for leg in drawn.legs for name in leg.joint_names) == robot.joint_names
     np.testing.assert_array_equal(robot.foot_radii_m, [FOOT_RADIUS_M] * 6)
     np.testing.assert_array_equal(robot.origin_m, np.zeros(3))
     assert course.robot.legs is course.robot.model

@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import link_lengths
-from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, drawn_urdf, joint_names
+from stancekit.planners.robot.robot_file import FOOT_RADIUS_M, Servo, drawn_urdf
 from tests.refusals import refuses
 
 
@@ -20,7 +20,7 @@ def test_it_has_four_joints_a_limb_and_a_foot_that_is_a_sphere() -> None:
     moving = [
         joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"
     ]
-    assert moving == list(joint_names(hexapod()))
+    assert moving == list(hexapod().joint_names)
     assert len(moving) == 24
     for name in (leg.foot for leg in hexapod().legs.legs):
         sphere = root.find(f"link[@name='{name}']/collision/geometry/sphere")
@@ -67,7 +67,7 @@ def test_pinocchio_reads_limits_and_masses_as_they_were_meant() -> None:
     pin = pytest.importorskip("pinocchio")
     servo = Servo(torque_nm=12.0, velocity_rad_s=3.0)
     model = pin.buildModelFromXML(drawn_urdf(hexapod(), servo), pin.JointModelFreeFlyer())
-    assert list(model.names)[2:] == list(joint_names(hexapod()))
+    assert list(model.names)[2:] == list(hexapod().joint_names)
     np.testing.assert_allclose(model.lowerPositionLimit[7:], np.tile(servo.lower_rad, 6))
     np.testing.assert_allclose(model.upperPositionLimit[7:], np.tile(servo.upper_rad, 6))
     np.testing.assert_allclose(model.velocityLimit[6:], 3.0)

@@ -5,7 +5,7 @@ where one limit of one limb is enough.
 from collections import Counter
 
 import stancekit
-from stancekit.planners.verify.explain import LIMITS, SEVERAL, hindrances
+from stancekit.planners.verify.explanation import LIMITS, SEVERAL, hindrances
 
 
 def test_every_proof_has_a_limit_that_weakens_it() -> None:

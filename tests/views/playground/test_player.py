@@ -12,7 +12,7 @@ import pytest
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
 from stancekit.planners.verify import check_plan
-from stancekit.planners.verify.explain import Relaxation, _change
+from stancekit.planners.verify.explanation import Relaxation, _change
 from stancekit.views.playground.answers import quick_answer
 from stancekit.views.playground.page_parts import Player, explained, from_behind
 from stancekit.views.playground.scenario import Scenario
