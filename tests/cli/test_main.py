@@ -282,11 +282,14 @@ def test_it_starts_without_what_only_some_verbs_need():
     assert run.stdout == "[]\n"
 
 
-def test_drawing_postures_of_the_default_robot_takes_nothing_that_is_slow_to_import():
+@pytest.mark.parametrize("command", ["sample wall-3", "terrain stairs:0.5:7"])
+def test_drawing_postures_of_the_default_robot_and_terrain_takes_nothing_that_is_slow_to_import(
+    command: str,
+):
     """Scenes cut from terrains, legs of own robots and their workspaces are what needs scipy."""
-    slow = (*HEAVY, "numpy.f2py")
+    slow = (*HEAVY, "numpy.f2py", "stancekit.planners.robot.robot_file")
     code = (
-        "import sys; from stancekit.cli.main import parse; assert parse(['sample', 'wall-3']).run() == 0\n"
+        f"import sys; from stancekit.cli.main import parse; assert parse({command.split()}).run() == 0\n"
         f"print([name for name in {slow!r} if name in sys.modules and name != 'gymnasium'])"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -297,7 +300,9 @@ def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_p
     """Joints and bodies are judged by pinocchio and coal, hulls by scipy; planning needs none of
     them.
     """
+    others = ("leap.finder", "robot.mjcf", "search.exact", "search.micp", "problem.course_between")
     slow = ("cvxpy", "matplotlib", "typeguard", "asyncio", "stancekit.cli.gait")
+    slow += tuple(f"stancekit.planners.{name}" for name in others)
     judges = ("scipy", "numpy.f2py", "pinocchio", "coal")
     code = (
         "import sys; from stancekit.cli.main import parse\n"
