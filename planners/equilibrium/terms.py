@@ -343,6 +343,16 @@ class Moments:
         self._parts: list[tuple[Index, Index, Of | Fill[Given]]] = []
         self._offsets: list[Fill[Given]] = []
 
+    @classmethod
+    def of(
+        cls, layout: Layout, body: BodyVariables, forces: Forces, arms: str = "scaled.arms"
+    ) -> Moments:
+        """Moments of forces with these arms, p × F, less that of the weight, of every stance."""
+        moments = cls(layout)
+        moments.add(forces.stance, forces.columns, Of(arms))
+        moments.of_weight(body)
+        return moments
+
     def add(self, stance: Index, columns: Index, values: Of | Fill[Given]) -> None:
         """Add a linear part, values · x[columns], to the net moment of stances.
 

@@ -134,7 +134,7 @@ class ForceDistribution:
         frames = np.array([patch.frame for patch in patches])
         low, high = course.common_bounds
         weight_nm, levers_m, limit_nm = loads
-        arms = np.einsum("nij,njk->nik", _skew(arms_m / course.unit_m), frames)
+        arms = np.einsum("nij,njk->nik", skew(arms_m / course.unit_m), frames)
         stance = SimpleNamespace(
             arms=np.concatenate(
                 [frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]
@@ -240,12 +240,6 @@ def _largest(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array) ->
         plan.joints_rad[frame], rotation_of(plan.rotation_rad[frame]), forces_n
     )
     return float((np.abs(torques) / limit_nm).max())
-
-
-def _skew(v: Array) -> Array:
-    zero = np.zeros(len(v))
-    rows = [[zero, -v[:, 2], v[:, 1]], [v[:, 2], zero, -v[:, 0]], [-v[:, 1], v[:, 0], zero]]
-    return np.array(rows).transpose(2, 0, 1)
 
 
 _EXACT_M = 1e-10

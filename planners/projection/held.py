@@ -91,7 +91,7 @@ class FixToes:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, forces = BodyVariables(rows, layout), Forces.of_contacts(rows, layout)
         forces.balance()
-        moments = held_moments(layout, body, forces)
+        moments = Moments.of(layout, body, forces, "held_arms")
         if least_moment:
             rows.linear(moments.within(rows), 1.0)
         else:
@@ -186,14 +186,6 @@ class Linearised:
         return _point(solution, toes=toes_of(solution, scaled), forces=solution.value("forces"))
 
 
-def held_moments(layout: Layout, body: BodyVariables, forces: Forces) -> Moments:
-    """p̄ × F less that of the weight, of every stance: exact with the toes held."""
-    moments = Moments(layout)
-    moments.add(forces.stance, forces.columns, Of("held_arms"))
-    moments.of_weight(body)
-    return moments
-
-
 def linearised_moments(
     layout: Layout, body: BodyVariables, toes: FreeToes, forces: Forces
 ) -> Moments:
@@ -202,7 +194,7 @@ def linearised_moments(
     Arguments:
         toes: explicit.
     """
-    moments, (stance, _, foothold) = held_moments(layout, body, forces), layout.contacts
+    moments, (stance, _, foothold) = Moments.of(layout, body, forces, "held_arms"), layout.contacts
     _levers(moments, layout, toes)
 
     def offset(given: Given) -> Array:

@@ -36,7 +36,7 @@ from ..equilibrium.terms import (
     objective,
 )
 from ..files.arrays import Array
-from .held import held_moments, toes_of
+from .held import toes_of
 from .whole_body_step import EVEN, TORQUE_PRICE, TorqueRows, WholeBodyGiven
 
 _NEAR = 1e-2
@@ -136,7 +136,7 @@ class _SparedContacts:
             forces, moments = Forces.of_vertices(rows, layout, free), Moments(layout)
         forces.balance()
         if moments is None:
-            held_moments(layout, body, forces).vanish(rows)
+            Moments.of(layout, body, forces, "held_arms").vanish(rows)
         else:
             moments.add(forces.stance, forces.columns, Of("scaled.arms"))
             moments.of_weight(body)

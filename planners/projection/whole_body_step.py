@@ -29,13 +29,22 @@ from ..arguments import cached_property
 from ..equilibrium.layout import Fill, Index, Layout, Of
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, skew
-from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, HeldToes, Toes, objective
+from ..equilibrium.terms import (
+    BodyVariables,
+    Forces,
+    FreeToes,
+    Given,
+    HeldToes,
+    Moments,
+    Toes,
+    objective,
+)
 from ..files.arrays import Array, cross, locked
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg import LegSlopes, turning
 from ..robot.robot_file import JOINTS
 from .centre import Nearness, keep_clear
-from .held import held_moments, linearised_moments, toes_of
+from .held import linearised_moments, toes_of
 
 TURN_RAD = 0.5
 """A joint of a leg that stands turns by no more from one key frame to the next: on the way from a
@@ -377,7 +386,7 @@ class WholeBodyStep:
         )
         forces.balance()
         if free is None:
-            held_moments(layout, body, forces).vanish(rows)
+            Moments.of(layout, body, forces, "held_arms").vanish(rows)
         else:
             moments = linearised_moments(layout, body, free, forces)
             rows.linear(

@@ -584,31 +584,6 @@ NEAR = 1.3
 """Share of a limb's reach: what is farther from its shoulder than this share takes no part."""
 
 
-def limb_posture(
-    lengths: Array,
-    target: Array,
-    approach: Array,
-    servo: Servo,
-    *,
-    near: Array | None = None,
-    clearance: _Clearance | None = None,
-) -> Array:
-    """The most comfortable posture that puts the foot at ``target``, or the closest to it, shape
-    (4,) [rad].
-
-    Arguments:
-        lengths: thigh and shank, shape (2,) [m].
-        target: foot's centre in the limb's frame (x outward, z the body's), shape (3,) [m].
-        approach: unit vector in the same frame along which the foot should come, into the surface;
-            zeros where it does not matter.
-        near: a posture to stay close to, shape (4,).
-        clearance: how far points of the limb's frame, shape (K, 3), are from the terrain, shape
-            (K,) [m].
-    """
-    family, cost = posture_cost(lengths, target, approach, servo, near=near, clearance=clearance)
-    return np.asarray(family[np.argmin(cost)])
-
-
 def posture_cost(
     lengths: Array,
     target: Array,
@@ -621,8 +596,15 @@ def posture_cost(
     """The family of postures within the limits, shape (…, K, 4) [rad], and how uncomfortable each
     is, shape (…, K).
 
-    Arguments as of ``limb_posture``, or any number of targets at once: target, approach, shape (…,
-    3); near, (…, 4).
+    Arguments:
+        lengths: thigh and shank, shape (2,) [m].
+        target: foot's centre in the limb's frame (x outward, z the body's), shape (3,) [m], or any
+            number of them at once, shape (…, 3).
+        approach: unit vector in the same frame along which the foot should come, into the surface,
+            likewise; zeros where it does not matter.
+        near: a posture to stay close to, shape (4,) or (…, 4).
+        clearance: how far points of the limb's frame, shape (K, 3), are from the terrain, shape
+            (K,) [m].
     """
     family = swivels(lengths, target)
     cost = _discomfort(family, approach, servo, near)
@@ -647,7 +629,7 @@ def limb_postures(
     """The most comfortable postures of all limbs, shape (J,) [rad].
 
     Arguments:
-        feet, approach: as in ``limb_posture``, in the body frame, shape (N, 3).
+        feet, approach: as in ``posture_cost``, in the body frame, shape (N, 3).
         near: shape (N, 4).
         pose: of the body in the world, where the obstacles are: its origin, shape (3,) [m], and
             R_WB.

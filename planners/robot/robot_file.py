@@ -27,7 +27,7 @@ from ..files.arrays import LARGEST
 from ..files.codec import KEYS, to_json
 from ..files.documents import YAML, read_text, read_yaml, shown, validated
 from .hulls import hulls_of_text, hulls_to_text
-from .kinematics import LINKS, limb_posture, link_lengths, outward_rad
+from .kinematics import LINKS, link_lengths, outward_rad, posture_cost
 from .leg import FOOT_RADIUS_M, JOINTS, USUAL_REACH_M, FootContact, Servo
 from .model import BUILT_IN, Limb, Robot, hexapod
 from .robot_model import RobotModel, model_of
@@ -594,11 +594,12 @@ def _drawn_up(
     """
     down, posture = np.array([0.0, 0.0, -1.0]), dict[str, float]()
     for limb, reach_m in reaches:
-        angles = limb_posture(
+        family, cost = posture_cost(
             np.array(LINKS) * reach_m, reach_m * np.array([_OUTWARD, 0.0, -_DOWN]), down, Servo()
         )
         posture |= {
-            f"{limb}_{joint}": float(angle) for joint, angle in zip(JOINTS, angles, strict=True)
+            f"{limb}_{joint}": float(angle)
+            for joint, angle in zip(JOINTS, family[np.argmin(cost)], strict=True)
         }
     feet = {limb: f"{limb}_foot" for limb, _ in reaches}
     return model_of(urdf, where=name, feet=feet, posture_rad=posture, name=name).changed(

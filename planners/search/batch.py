@@ -24,11 +24,10 @@ from ..equilibrium.layout import Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import BodyVariables, Forces, Given, HeldToes
+from ..equilibrium.terms import BodyVariables, Forces, Given, HeldToes, Moments
 from ..files.arrays import Array
 from ..problem import PostureBatch
 from ..projection.centre import centred
-from ..projection.held import held_moments
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..relaxation.mccormick import WithoutMoment
 from ..verify import check_certificates, check_postures
@@ -83,7 +82,7 @@ class _StandingTest:
         self._rows = rows = Rows[Given](keep=layout.frames == 1)
         body, forces = BodyVariables(rows, layout), Forces.of_contacts(rows, layout)
         forces.balance()
-        held_moments(layout, body, forces).vanish(rows)
+        Moments.of(layout, body, forces, "held_arms").vanish(rows)
         forces.in_cones()
         forces.in_box(implied=implied)
         body.reach(HeldToes(rows), inner=True)

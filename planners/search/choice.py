@@ -436,8 +436,7 @@ class ChoiceSearch:
         )
 
     def _late(self) -> bool:
-        share = self._share if self.tried and self.found is None else 1.0
-        return self._clock.ended(share)
+        return self._clock.ended(self._share if self.tried and self.found is None else 1.0)
 
     def _solve(self, scaled: Scaled) -> LiftAnswer:
         lifted = solve_lift(self._programs, scaled, least_moment=False)

@@ -38,6 +38,8 @@ _SPARE, _SPARE_S = 1.0, 1.0
 """A push that nothing depends on, as of a robot whose legs are drawn up, is looked for as long as the
 plan took, and at least so long [s]; what is begun is ended. Nobody executes a plan for a robot whose
 legs are not known: it is not looked for."""
+_BRIEF = 30
+"""Convex solves of a brief search for contacts."""
 _TIME_ENDED = "the time limit ended before the search for contacts began"
 
 
@@ -307,16 +309,21 @@ def _part_of_time(deadline: float) -> float:
     return now + _EACH * (deadline - now)
 
 
-def quick(planner: Planner, *, hasty: bool = False) -> Planner:
+def quick(planner: Planner, *, hasty: bool = False, brief: bool = False) -> Planner:
     """The planner without proofs and cuts in space, which would take half a minute for a plan that
     is merely better.
 
     Arguments:
         hasty: the first guess of patches is all that it tries.
+        brief: it tries few, as where there are other ways to lay the course out.
     """
     if isinstance(planner, TwoStage):
         return replace(
-            planner, cuts=False, proves=False, max_nodes=0 if hasty else planner.max_nodes
+            planner,
+            cuts=False,
+            proves=False,
+            max_nodes=0 if hasty else planner.max_nodes,
+            max_solves=min(planner.max_solves or _BRIEF, _BRIEF) if brief else planner.max_solves,
         )
     return planner
 

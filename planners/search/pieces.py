@@ -26,6 +26,8 @@ from ..problem import Problem
 from ..problem.problem import Foothold
 from ..terrain.patch import Patch
 
+_TURN = 0.8
+"""Share of the largest turn to a key frame that a body takes to be as it is planned."""
 STANDING_M = 1e-4
 """Distance that the COM of a robot that stands may be taken from where it is [m]: there a plan may
 lie on the very border of what holds."""
@@ -203,6 +205,18 @@ def _room(course: Problem, first: int, com_m: Array, radius_m: Array) -> float:
     )
 
 
+def turning_on(plan: Plan, rotation_rad: Array) -> Plan:
+    """The plan with a body that turns from how it stands, shape (3,) [rad], to how the plan has it.
+
+    Balance knows nothing of that; legs may not reach.
+    """
+    turned, most_rad = [rotation_rad], max(_TURN * plan.problem.steps.rotation_rad, 1e-12)
+    for wanted in plan.rotation_rad[1:]:
+        turn = wanted - turned[-1]
+        turned.append(turned[-1] + turn / max(1.0, float(np.linalg.norm(turn)) / most_rad))
+    return replace(plan, rotation_rad=np.array(turned))
+
+
 def beginning(plan: Plan, last: int) -> Plan:
     """A plan up to key frame ``last``, where it may be gone on from.
 
@@ -316,9 +330,8 @@ written each time, and a run that is interrupted plans so much anew."""
 _PATIENCE = 4.0
 """A piece may take so many times its share of the time that is left."""
 
-_PlanPiece = Callable[[Problem, "Array | None", float], Answer[Plan]]
-"""Planner of a piece: its course, the joints of the robot that stands where it begins, and when to
-be done."""
+_PlanPiece = Callable[[Problem, "Standing | None", float], Answer[Plan]]
+"""Planner of a piece: its course, how the robot stands where it begins, and when to be done."""
 Detour = Callable[[Standing, "list[Array]"], Problem]
 """Layout of the course on from where a robot stands, another way than by these places."""
 
@@ -379,6 +392,7 @@ def plan_pieces(
     detour: Detour | None = None,
     kept: Kept | None = None,
     progress: Progress | None = None,
+    until: float = math.inf,
     deadline: float = math.inf,
 ) -> Pieces:
     """Plan a course piece by piece.
@@ -386,13 +400,15 @@ def plan_pieces(
     Arguments:
         detour: None where there is no other way.
         kept: holds what was planned before, and what is planned meanwhile, every ``EVERY_S``.
-        deadline: when to be done (``time.perf_counter()``).
+        until: when to be done while no half of it is planned (``time.perf_counter()``).
+        deadline: when to be done.
     """
     cycle, begun = _cycle(course), None if kept is None else kept.begun(course)
     if begun is not None and begun.problem.frames < course.frames:
         whole = (begun.problem.frames - 1) // cycle * cycle  # where another way may begin
         begun = beginning(begun, whole) if whole else None
     keep = max(cycle, (PIECE - SHARED) // cycle * cycle)
+    short = _multiple(max(LEAST, 0.5 * (PIECE - SHARED)), cycle)
     plans, count, avoid, tried = ([] if begun is None else [begun]), 0, list[Array](), list[Array]()
     backed, shares = False, list[Mapping[str, Any]]([] if begun is None else [begun.provenance])
     if begun is not None and progress is not None:
@@ -420,23 +436,24 @@ def plan_pieces(
                 tried_m=tuple(tried),
                 failed=None,
             )
-        last = min(at + PIECE, course.frames - 1)
-        if course.frames - 1 - last < SHARED // 2:
-            last = course.frames - 1
-        answer = _one(course, at, last, plans, piece, deadline)
+        last, end = min(at + PIECE, course.frames - 1), course.frames - 1
+        if end - last < SHARED // 2:
+            last = end
+        limit = deadline if 2 * at >= end else min(until, deadline)
+        answer, most = _one(course, at, last, plans, piece, limit), keep
         count += 1
-        end, words = course.frames - 1, "plan: piece %d, frames %d to %d of %d: %s"
-        LOG.info(words, count, at, last, end, answer.status)
+        LOG.info("plan: piece %d, frames %d to %d of %d: %s", count, at, last, end, answer.status)
+        fails, late = answer.status is not Status.FEASIBLE, time.perf_counter() > limit
+        if fails and answer.solution is not None and not late and at + short < end:
+            soon = min(at + short + _multiple(SHARED // 2, cycle), end)
+            shorter = _one(course, at, soon, plans, piece, limit)
+            if shorter.status is Status.FEASIBLE:
+                answer, most, last = shorter, short, soon
         if answer.status is Status.FEASIBLE and answer.solution is not None:
             add(
-                answer.solution if last == end else beginning(answer.solution, min(keep, last - at))
+                answer.solution if last == end else beginning(answer.solution, min(most, last - at))
             )
-            backed = False
-            continue
-        late = time.perf_counter() > deadline
-        shorter = None if late else _shorter(answer, course, at, cycle, plans, piece, deadline)
-        if shorter is not None:
-            add(shorter)
+            backed = backed and fails
             continue
         if late or detour is None or len(avoid) >= _DETOURS or not plans:
             if plans and not late and not backed and plans[-1].problem.frames - 1 > cycle:
@@ -487,35 +504,18 @@ def _said(plan: Plan, pieces: list[Mapping[str, Any]]) -> Plan:
 def _one(
     course: Problem, at: int, last: int, plans: list[Plan], piece: _PlanPiece, deadline: float
 ) -> Answer[Plan]:
-    """The answer of the piece from frame ``at`` to ``last``."""
+    """The answer of the piece from frame ``at`` to ``last``, whose steps are shorter by what the body
+    may be off where it stands.
+    """
     state, now = Standing.at_end(plans[-1]) if plans else None, time.perf_counter()
     left = max(1.0, (course.frames - 1 - at) / (PIECE - SHARED))
     until = min(deadline, now + _PATIENCE * (deadline - now) / left)
-    return piece(
-        course_window(course, at, last, state),
-        None if state is None else state.angles_rad,
-        until,
-    )
-
-
-def _shorter(
-    answer: Answer[Plan],
-    course: Problem,
-    at: int,
-    cycle: int,
-    plans: list[Plan],
-    piece: _PlanPiece,
-    deadline: float,
-) -> Plan | None:
-    """An accepted plan of the first part of a piece that failed; None for none."""
-    length = _multiple(max(LEAST, 0.5 * (PIECE - SHARED)), cycle)
-    if answer.solution is None or at + length >= course.frames - 1:
-        return None
-    last = min(at + length + _multiple(SHARED // 2, cycle), course.frames - 1)
-    other = _one(course, at, last, plans, piece, deadline)
-    if other.status is not Status.FEASIBLE or other.solution is None:
-        return None
-    return beginning(other.solution, length)
+    window = course_window(course, at, last, state)
+    if state is not None:
+        steps, most_m = window.steps, max(course.steps.com_m - STANDING_M, 0.5 * course.steps.com_m)
+        steps = replace(steps, com_m=most_m, progress_m=min(steps.progress_m, most_m))
+        window = replace(window, steps=steps)
+    return piece(window, state, until)
 
 
 def _failed_place(answer: Answer[Plan], course: Problem, at: int, last: int) -> Array:

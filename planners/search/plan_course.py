@@ -59,6 +59,7 @@ from .pieces import (
     course_window,
     in_pieces,
     plan_pieces,
+    turning_on,
 )
 from .two_stage import TwoStage
 
@@ -189,9 +190,10 @@ def plan_course(
         stated=stated,
         kept=kept,
         progress=progress,
+        deadline=deadline,
     )
     try:
-        outcome = search.outcome(layouts, deadline)
+        outcome = search.outcome(layouts)
     except (InvalidInput, PlanningFailed):
         if between is not None:
             between("inner")  # which says where in the world
@@ -240,6 +242,7 @@ class _CourseSearch:
 
     Arguments:
         spent: on the contacts of every piece.
+        brief: contacts are searched for briefly, as there are other ways.
         deep: contacts that may be bent again.
         steep: whether the ground is, where bending is dear and tried last.
     """
@@ -254,13 +257,15 @@ class _CourseSearch:
     stated: bool
     kept: Kept | None
     progress: Progress | None
+    deadline: float
+    brief: bool = False
     spent: list[Effort] = field(default_factory=list)
     deep: list[Answer[Plan]] = field(default_factory=list)
     steep: bool = False
 
-    def outcome(self, layouts: Sequence[Alternative], deadline: float) -> Answer[Plan]:
+    def outcome(self, layouts: Sequence[Alternative]) -> Answer[Plan]:
         """The answer over the ways in which the course is laid out."""
-        question, search = self.question, self
+        question, search, deadline = self.question, self, self.deadline
         if not callable(question):
             return self.answered(question, deadline)
         if not self.stated and self.limits is not None and len(layouts) > 1:
@@ -270,12 +275,16 @@ class _CourseSearch:
                 found, layouts = _leaning(question, layouts, self.at_a_glance, own, deadline)
                 if found is not None:
                     return found
-        return _laid_out(question, layouts, search.answered, deadline, self.stated)
+        shares = [*dict.fromkeys((self.shares[0], self.shares[-1]))]
+        brief = replace(search, planner=quick(self.planner, brief=True), shares=shares, brief=True)
+        return _laid_out(question, layouts, search.answered, brief.answered, deadline, self.stated)
 
     def answered(
         self, course: Problem, end: float, alternative: Alternative = AS_ASKED
     ) -> Answer[Plan]:
-        """The answer over one course, piece by piece where it is long."""
+        """The answer over one course, piece by piece where it is long, which goes on beyond its end
+        once half of them have plans.
+        """
         course, limits = self._bearing_pushes(course), self.limits
         so_far: Answer[Plan] | None = None
         whole = alternative.striding or self.start_rad is not None
@@ -286,12 +295,14 @@ class _CourseSearch:
                 detour=_detour(self.question, alternative, self.push_n),
                 kept=self.kept,
                 progress=self.progress,
-                deadline=_search_end(end, _PIECES),
+                until=_search_end(end, _PIECES),
+                deadline=_search_end(self.deadline, _PIECES),
             )
-            so_far = _whole(pieces, self.planner.name, self.spent, end)
+            so_far = _whole(pieces, self.planner.name, self.spent, self.deadline)
             if self.kept is not None and so_far.status is Status.FEASIBLE:
                 self.kept.remove()
-            if pieces.failed is None or course.frames > AT_ONCE or time.perf_counter() > end:
+            ends = course.frames > AT_ONCE or time.perf_counter() > end
+            if pieces.failed is None or ends or (self.brief and pieces.failed.solution is None):
                 return so_far
             if pieces.plan is None:
                 so_far = None  # which says no more than the whole does
@@ -332,17 +343,19 @@ class _CourseSearch:
         found = plan_with_reserve(
             quick(self.planner), asked, self.shares[:1], pressed, deadline=end
         )
-        unbent = replace(self.limits, steps=0)
-        return with_whole_body(found, unbent, self.start_rad, deadline=end)
+        return with_whole_body(found, replace(self.limits, steps=0), self.start_rad, deadline=end)
 
-    def _piece(self, course: Problem, angles: Array | None, end: float) -> Answer[Plan]:
+    def _piece(self, course: Problem, state: Standing | None, end: float) -> Answer[Plan]:
         from .witness import with_whole_body  # slow to import
 
         outcome = self._contacts(course, _search_end(end))
         self.spent.append(outcome.effort)
         if outcome.certificate is not None:  # of this piece from this posture, and of nothing else
             outcome = _undecided(outcome, "no plan of contacts from where the piece begins")
+        elif outcome.solution is not None and state is not None and course.robot.own:
+            outcome = replace(outcome, solution=turning_on(outcome.solution, state.rotation_rad))
         assert self.limits is not None
+        angles = None if state is None else state.angles_rad
         return with_whole_body(outcome, self.limits, angles, deadline=end)
 
     def _striding(self, course: Problem, outcome: Answer[Plan], end: float) -> Answer[Plan]:
@@ -361,8 +374,7 @@ class _CourseSearch:
             return looks_end if min(seen)[0] < _BENT_M else end
 
         def looked_at(found: Answer[Plan]) -> Answer[Plan]:
-            unbent = replace(limits, steps=0)
-            judged = with_whole_body(found, unbent, self.start_rad, deadline=end)
+            judged = with_whole_body(found, replace(limits, steps=0), self.start_rad, deadline=end)
             tips = judged.report is not None and judged.report.accepted
             seen.append((math.inf if tips else _short_m(judged), len(seen), found))
             return judged
@@ -398,8 +410,9 @@ class _CourseSearch:
             com_m, rotation_rad = found.solution.com_m, found.solution.rotation_rad
         if judged.status is Status.FEASIBLE:
             return judged
-        near = replace(limits, deepest_m=_BENT_M)
-        return with_whole_body(min(seen)[2], near, self.start_rad, deadline=end)
+        return with_whole_body(
+            min(seen)[2], replace(limits, deepest_m=_BENT_M), self.start_rad, deadline=end
+        )
 
     def _firmly(self, course: Problem, end: float, *, only: bool = False) -> Answer[Plan]:
         """Contacts whose stances bear a push; any where none do, unless only those are asked for."""
@@ -409,8 +422,9 @@ class _CourseSearch:
             firm_end = _search_end(end, _FIRM)
             found = plan_with_reserve(search, firm, self.shares[:1], (), deadline=firm_end)
             if found.solution is not None:
-                plan = replace(found.solution, problem=course)
-                return replace(found, problem=course, solution=plan)
+                return replace(
+                    found, problem=course, solution=replace(found.solution, problem=course)
+                )
         if only and found is not None:
             return found
         return self._contacts(course, _search_end(end))
@@ -577,11 +591,15 @@ def _laid_out(
     question: LayOut,
     layouts: Sequence[Alternative],
     answered: Callable[[Problem, float, Alternative], Answer[Plan]],
+    briefly: Callable[[Problem, float, Alternative], Answer[Plan]],
     deadline: float,
     stated: bool,
 ) -> Answer[Plan]:
     """The answer over the first layout that has a plan; else over the first of all, which says how
     many were tried where it is not stated.
+
+    Where it is not stated and legs are known, contacts are searched for briefly, and at last, while
+    there is time, once more over the layouts that had none.
 
     Raises NoPlace or PlanningFailed where that one has no place for a toe or no way, and no other
     has a plan.
@@ -590,12 +608,15 @@ def _laid_out(
     refusal: InvalidInput | PlanningFailed | None = None
     began = time.perf_counter(), time.process_time()
     left, laid_s, tried, asked = list(layouts), 0.0, 0, layouts[0]
+    hurried, last = list[Alternative](), False
     others = not stated and len(layouts) > 1
     if others:
         left += STRIDES
-    while left:
+    while left or hurried:
+        if not left:
+            left, hurried, last = hurried, [], True
         alternative, now = left.pop(0), time.perf_counter()
-        if alternative is not asked and now + laid_s >= deadline:
+        if (last or alternative is not asked) and now + laid_s >= deadline:
             break
         try:
             course = question("inner", alternative)
@@ -618,10 +639,14 @@ def _laid_out(
             continue
         least_s = 0.0 if alternative.striding and alternative.height == 1.0 else _LEAST_S
         share_s = max(_FIRST * (deadline - now), _wall_s(began, least_s))
-        tried += 1
-        outcome = answered(course, min(now + share_s, deadline) if left else deadline, alternative)
+        tried += not last
+        brief = others and not last and course.robot.own and not course.has_soles
+        end = min(now + share_s, deadline) if left or hurried else deadline
+        outcome = (briefly if brief else answered)(course, end, alternative)
         if outcome.status is Status.FEASIBLE:
             return _of_layout(outcome, alternative)
+        if brief and outcome.solution is None:
+            hurried.append(alternative)
         if alternative is asked:
             first = outcome
             if outcome.status is not Status.UNDECIDED:
@@ -676,8 +701,9 @@ def _of_layout(outcome: Answer[Plan], alternative: Alternative) -> Answer[Plan]:
         return outcome
     provenance = {**outcome.solution.provenance, "layout": alternative.message}
     plan = replace(outcome.solution, provenance=provenance)
-    report = outcome.report and replace(outcome.report, answer=plan)
-    return replace(outcome, solution=plan, report=report)
+    return replace(
+        outcome, solution=plan, report=outcome.report and replace(outcome.report, answer=plan)
+    )
 
 
 def _refuted(

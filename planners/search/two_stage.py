@@ -365,11 +365,10 @@ class TwoStage(Method):
                 message
                 or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
             )
-        word = "infeasible" if plan is None and search.solved_none else ""
         return self.acceptance.answer(
             course,
             plan=plan,
-            word=word,
+            word="infeasible" if plan is None and search.solved_none else "",
             message=message,
             details=details,
             method=self.name,

@@ -13,10 +13,9 @@ import pytest
 from stancekit import Motion
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.equilibrium.terms import BodyVariables, Forces, Given
+from stancekit.planners.equilibrium.terms import BodyVariables, Forces, Given, Moments
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.force_distribution import REACHED_M, Restoration
-from stancekit.planners.projection.held import held_moments
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection.whole_body import with_joints
@@ -274,7 +273,7 @@ def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Motion, 
     rows = Rows[Given](keep=False)
     body, forces = BodyVariables(rows, scaled.layout), Forces.of_contacts(rows, scaled.layout)
     forces.balance()
-    rows.linear(held_moments(scaled.layout, body, forces).within(rows, each=each), 1.0)
+    rows.linear(Moments.of(scaled.layout, body, forces, "held_arms").within(rows, each=each), 1.0)
     forces.in_cones()
     forces.in_box(implied=False)
     body.held()

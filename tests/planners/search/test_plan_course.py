@@ -275,6 +275,25 @@ def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(
     assert (len(laid), now[0]) == (2, 110.0)
 
 
+def test_layouts_are_searched_briefly_and_those_without_contacts_once_more(
+    high: Callable[..., Path],
+) -> None:
+    course, asked = read_course(high(0.5)), list[float | None]()
+
+    class Vain(TwoStage):
+        """One that finds nothing."""
+
+        def solve(self, course: Problem) -> Answer[Motion]:
+            asked.append(self.max_solves)
+            return Answer(status=Status.UNDECIDED, method=self.name)
+
+    settings = {"limits": None, "shares": (1.0,), "layouts": ALTERNATIVES[:2], "stated": False}
+    outcome = plan_course(lambda *_: course, Vain(), **settings)
+    tried = len(asked) // 2
+    assert asked == [30] * tried + [None] * tried
+    assert_names(outcome.message, f"{tried} layouts tried")
+
+
 def test_a_look_that_is_cut_short_ends_in_a_plan_with_joints_and_no_verdict_on_bodies(
     climb: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:

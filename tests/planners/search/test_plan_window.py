@@ -12,13 +12,17 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.answer import Status
+from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.pieces import (
     STANDING_M,
     Standing,
+    _one,
+    beginning,
     course_window,
     joined,
     one_at_a_time,
+    turning_on,
 )
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_plan
@@ -70,6 +74,21 @@ def test_windows_join_to_a_walk_that_the_verifier_accepts(planner, course, horiz
         np.testing.assert_allclose(
             after.toes_at(0), before.toes_at(before.problem.frames - 1), atol=1e-9
         )
+
+
+def test_a_body_turns_on_from_how_it_stands_and_steps_from_where_it_may_be(course, plan):
+    standing, most = np.array([0.0, 0.0, 0.3]), plan.problem.steps.rotation_rad
+    turned = turning_on(plan, standing).rotation_rad
+    np.testing.assert_array_equal(turned[0], standing)
+    assert (np.linalg.norm(np.diff(turned, axis=0), axis=1) < most).all()
+    assert np.linalg.norm(turned[-1] - plan.rotation_rad[-1]) < 1e-9
+    begun, seen = beginning(plan, 1), list[Problem]()
+    fast = replace(course, steps=replace(course.steps, progress_m=course.steps.com_m))
+    for each in (course, fast):
+        _one(each, 1, 3, [begun], lambda window, *_: seen.append(window), np.inf)
+    assert all(window.steps.com_m + STANDING_M <= course.steps.com_m for window in seen)
+    alone = course_window(course, 1, 3, Standing.at_end(begun))  # what is proved of it is proved
+    assert alone.steps.com_m == course.steps.com_m
 
 
 def test_a_walk_that_stops_early_is_a_plan_of_the_beginning(planner, course):
