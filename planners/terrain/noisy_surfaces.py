@@ -67,7 +67,7 @@ variances of the noise, once in ten thousand times."""
 _OF_PLACES = np.array([1.0] * 6 + [0.0] * 4)[:, None]
 """Of moments those without heights."""
 OFF = 2.5
-_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
+NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (1, -1), (-1, 1), (-1, -1))
 _FARTHEST = 3.0
 """A cell is off the plane of its surface by no more than this, in deviations."""
 _AWAY = (0.5, 0.1)
@@ -266,12 +266,12 @@ def _around(
     (n, m), row = labels.shape, labels.shape[1] + 2
     if not same:
         differ = np.zeros((n, m), dtype=bool)
-        for u, v in _NEIGHBOURS:
+        for u, v in NEIGHBOURS:
             differ |= padded[1 + u : 1 + u + n, 1 + v : 1 + v + m] != labels
         wanted = wanted & differ
     i, j = np.nonzero(wanted)
     at = (i + 1) * row + j + 1
-    return np.stack([padded.ravel()[at + row * u + v] for u, v in _NEIGHBOURS]), (i, j)
+    return np.stack([padded.ravel()[at + row * u + v] for u, v in NEIGHBOURS]), (i, j)
 
 
 def _of_squares(cells: GroundCells, side: int, limits: FootholdLimits, noise_m: float) -> Labels:

@@ -1,7 +1,7 @@
 """Footholds of noisy heights end at steps, strips are found, and each says how sure it is."""
 
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -170,3 +170,62 @@ def test_the_part_of_a_piece_whose_ground_feet_find_is_known_well_enough_and_who
 def test_an_outline_round_a_hole_is_made_simpler_so_far_inside_of_itself(inset):
     ring = shapely.Point(0.0, 0.0).buffer(85.0).difference(shapely.Point(0.0, 0.0).buffer(40.0))
     assert shapely.distance(ring.boundary, _inner(ring, inset)) >= inset - 1e-9
+
+
+def cloud_of(surfaces, spacing_m, regular, rng):
+    """Points on surfaces (polygon, slope along x and y, height) within ±0.8 m by ±0.5 m."""
+    places = rng.uniform([-0.8, -0.5], [0.8, 0.5], (round(1.6 / spacing_m**2), 2))
+    if regular:
+        lines = (np.arange(-half + 0.003, half, spacing_m) for half in (0.8, 0.5))
+        places = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
+    points = [
+        np.column_stack([on, on @ plane[:2] + plane[2]])
+        for polygon, plane in surfaces
+        for on in [places[shapely.contains_xy(polygon, places)]]
+    ]
+    return ElevationMap.of_points(np.concatenate(points), 0.05, "cloud")
+
+
+def strips(edges, planes, angle):
+    box = shapely.box(-0.8, -0.5, 0.8, 0.5)
+    turned = (
+        shapely.affinity.rotate(shapely.box(a, -2.0, b, 2.0), angle, origin=(0.0, 0.0))
+        for a, b in pairwise(edges)
+    )
+    return [(box & strip, plane) for strip, plane in zip(turned, planes, strict=True)]
+
+
+@pytest.mark.parametrize("angle", [0, 30, 90])
+@pytest.mark.parametrize("regular", [False, True])
+@pytest.mark.parametrize("ground", ["stairs", "slope", "ridge", "slot", "pit"])
+def test_exact_clouds_give_the_ground_between_their_points_and_no_other(ground, regular, angle):
+    level, gap = [0.0, 0.0, 0.0], [-2.0, -0.025, 0.025, 2.0]
+    rise = 0.2 * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle)), -0.04])
+    surfaces = {
+        "stairs": strips(
+            0.3 * np.arange(-5, 6) + 0.04, [[0, 0, 0.1 * k] for k in range(10)], angle
+        ),
+        "slope": strips([-2.0, 2.0], [[0.2, 0.1, 0.0]], angle),
+        "ridge": strips([-2.0, 0.04, 2.0], [rise, -rise], angle),
+        "slot": strips(gap, [level] * 3, angle),
+        "pit": strips(gap, [level, [0.0, 0.0, -0.15], level], angle),
+    }[ground]
+    if ground == "slot":
+        del surfaces[1]
+    found = footholds_of(
+        cloud_of(surfaces, 0.013, regular, np.random.default_rng(7)), FootholdLimits(margin_m=0.02)
+    )
+    kept = 0.0
+    for polygon, (a, b, c) in surfaces:
+        its = [
+            shapely.Polygon(corners[:, :2])
+            for piece in found.pieces
+            for corners in [piece.patch.vertices_m]
+            if polygon.contains(shapely.Point(piece.patch.centre_m[:2]))
+            and np.abs(corners[:, :2] @ [a, b] + c - corners[:, 2]).max() < 1e-4
+        ]
+        assert shapely.union_all(its).difference(polygon.buffer(-0.018)).area < 1e-5
+        kept += shapely.union_all(its).area
+    inset = sum(polygon.buffer(-0.02, join_style="mitre").area for polygon, _ in surfaces)
+    assert kept > (0.9 if regular or ground in ("slot", "pit") else 0.95) * inset
+    assert len(found.pieces) >= sum(polygon.area > 0.1 for polygon, _ in surfaces)
