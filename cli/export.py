@@ -37,12 +37,12 @@ class Export:
     Exit code: 0 written; 2 bad input, nothing is written.
     """
 
-    subject: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="X")]
+    subject: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION")]
     """File of a plan, a walk or a leap."""
     to: Annotated[OptionalText, tyro.conf.arg(metavar="FORMAT")] = None
     """Which format; what the ending of --out says where it is missing."""
     out: OptionalPath = None
-    """File; a name beside X where it is missing."""
+    """File; a name beside the motion's where it is missing."""
     rate_hz: float = 100.0
     """Rows per second."""
     json: bool = False

@@ -284,7 +284,7 @@ class RunMotion:
     """Plans: feed back where the body is by its joints and the feet that stand, whatever the world
     measures."""
     arm: bool = False
-    """Move something real. Simulations and logs need no arming."""
+    """Move something real. Simulations need no arming."""
     try_estop: bool = False
     """Press the e-stop, of the set-up file or the stop topic, and release it before the robot is
     armed. Without it the robot is armed once the e-stop was heard, or its topic has a publisher.
