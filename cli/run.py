@@ -89,7 +89,7 @@ def _run_table(report: RunReport) -> Table:
             *_begun(word, report.message, report.ended),
             (
                 "motion",
-                f"{report.seconds:.1f} s on {report.world}, pace {report.pace:.2f}{slowed}",
+                f"{report.seconds:.1f} s on {report.world}, {report.pace:.2f} of the pace asked for{slowed}",
             ),
             (report.counted, f"{report.frames_done:.1f} of {round(report.frames - 1, 1):g}"),
             ("commands", f"{sent}, {report.clipped} clipped, {report.refused} refused"),

@@ -200,7 +200,8 @@ class Runner:
             self.go([first.targets_rad], first.angles_rad)
         self.decide(
             "motion",
-            f"{prepared.motion.duration_s:.1f} s at pace {prepared.motion.pace:.2f} {prepared.motion.bound_by}",
+            f"{prepared.motion.duration_s:.1f} s at {prepared.motion.pace:.2f} of the pace asked for "
+            f"{prepared.motion.bound_by}",
         )
 
     def go(self, path: Sequence[Array], stays: Array | None = None) -> None:

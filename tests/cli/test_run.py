@@ -74,6 +74,7 @@ def test_a_plan_is_run_logged_drawn_and_replayed(
     code, out, _ = ended(Replay(log=log), capsys)
     assert code == 1
     assert "none: the process was ended" in out
+    assert "s at 1.00 of the pace asked for" in out
 
 
 def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
