@@ -111,14 +111,12 @@ class Evaluation:
     Arguments:
         gradient: shape (3, nx, ny, nz), or of size 0 where a barrier is infinite.
         least_det: min det J over the quadrature.
-        miss_m: greatest |φ_z − h(φ_xy)| over the ground's quadrature points [m].
     """
 
     conformal: float
     barrier: float
     match: float
     least_det: float
-    miss_m: float
     gradient: Array
 
     @property
@@ -161,14 +159,12 @@ class MapEnergy:
         miss, slope = self.miss(psi)
         area = self.grid.floor_weight
         match = self.match_weight * float(np.sum(area * miss**2))
-        worst = float(np.abs(miss).max())
         if self.barrier > 0.0 and not least > 0.0:
             return Evaluation(
                 conformal=np.inf,
                 barrier=np.inf,
                 match=match,
                 least_det=least,
-                miss_m=worst,
                 gradient=np.zeros(0),
             )
         weight = self.grid.weight
@@ -186,7 +182,6 @@ class MapEnergy:
             barrier=barrier,
             match=match,
             least_det=least,
-            miss_m=worst,
             gradient=gradient,
         )
 
