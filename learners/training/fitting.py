@@ -121,17 +121,13 @@ class FitSettings(Strict):
         """Raise InvalidInput where the keys of a method with settings of its own are wrong, or
         torch is missing.
         """
-        try:
-            self._check(method)
-        except ImportError as error:
-            raise missing(method, error) from None
-
-    def _check(self, method: str) -> None:
         if method == "ga":
             typed(GeneticSettings, self.genetic, "genetic")
         elif method in ("neural", "joint"):
-            from ..selectors.neural import NeuralSettings
-
+            try:
+                from ..selectors.neural import NeuralSettings
+            except ImportError as error:
+                raise missing(method, error) from None
             typed(NeuralSettings, self.neural, "neural")
 
 

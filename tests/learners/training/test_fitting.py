@@ -119,7 +119,7 @@ def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> No
 
 def test_rows_that_were_learned_from_calibrate_nothing(dataset: Dataset) -> None:
     train, held = dataset.split((0.6, 0.4))
-    for method in ("neural", "joint", "rl"):
+    for method in ("neural", "joint"):
         with refuses("calibration"):
             learn(method, train, SETTINGS, calibration=dataset)
     assert learn_selector("neural", train, SETTINGS, calibration=held).provenance["calibration"]
