@@ -100,7 +100,9 @@ class WholeBodyLimits:
 
 
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
-    """Largest torque of a plan with joints, as a share of its limit: (share, Nm)."""
+    """Largest torque of a plan with joints, as a share of its limit, or in Nm where no joint has
+    one: (share, Nm).
+    """
     assert plan.joints_rad is not None
     moments = plan.moments_nm if solver.soles else None
     rows = enumerate(zip(plan.problem.stances, plan.forces_n, strict=True))
@@ -115,8 +117,9 @@ def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, flo
             for s, (of, forces) in rows
         ]
     )
-    at = np.unravel_index(int(np.argmax(torques / limit_nm)), torques.shape)
-    return float((torques / limit_nm)[at]), float(torques[at])
+    shares = torques / limit_nm
+    at = np.unravel_index(int(np.argmax(shares if shares.any() else torques)), torques.shape)
+    return float(shares[at]), float(torques[at])
 
 
 def _on_the_way(plan: Plan, solver: Kinematics, limit_nm: Array) -> float:

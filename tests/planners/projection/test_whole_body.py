@@ -87,6 +87,15 @@ def test_other_forces_spare_a_joint_that_has_too_little(
     np.testing.assert_array_equal(spared.toes_m, plan.toes_m)
 
 
+def test_without_limits_the_largest_torque_is_the_one_with_the_most_nm(
+    with_effort: Callable[[float], Motion],
+) -> None:
+    plan = replace(with_effort(60.0), joints_rad=with_joints(with_effort(60.0)).joints_rad)
+    solver = Kinematics(plan.problem.robot)
+    unlimited = largest(plan, solver, np.full_like(solver.torque_nm, np.inf))
+    assert unlimited == (0.0, pytest.approx(torque_nm(plan)))
+
+
 def test_what_no_forces_can_spare_stays_refused(with_effort: Callable[[float], Motion]) -> None:
     report = check_plan(with_joints(with_effort(5.0)), joints=True)
     assert report.contacts
