@@ -466,6 +466,8 @@ class Problem:
             raise InvalidInput(
                 f"expected a JSON object with format {forms}, got {type(data).__name__}"
             )
+        if str(data.get("format")).startswith("stancekit/motion/"):
+            raise InvalidInput("expected a posture or a course, got the file of a motion")
         if str(data.get("format")).startswith("stancekit/course/"):
             course = from_json(cls, data)
             if course.weights is None:

@@ -206,3 +206,4 @@ def test_something_else_than_an_object_is_refused():
         refusal([1])
         == "expected a JSON object with format 'stancekit/posture/1' or 'stancekit/course/1', got list"
     )
+    assert refusal({"format": "stancekit/motion/1"}).endswith("got the file of a motion")
