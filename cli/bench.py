@@ -47,7 +47,7 @@ class _BenchEnvelopes:
     """
 
     config: OptionalPath = None
-    """Experiment file (YAML); configs/bench-envelopes.yaml where there is none."""
+    """Experiment file (YAML); without one, configs/bench-envelopes.yaml."""
     quick: bool = False
     """Use the file's section quick: small data, short training."""
     problem: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
@@ -58,7 +58,7 @@ class _BenchEnvelopes:
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that scenes are cut from, instead of the file's."""
     out: OptionalPath = None
-    """Folder for everything that is made; out/bench, or out/bench-quick, where there is none."""
+    """Folder for everything that is made; unless given, out/bench, or out/bench-quick."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes for labelling and rollouts."""
     executor: Literal["processes", "ray"] = "processes"
@@ -66,10 +66,10 @@ class _BenchEnvelopes:
     address: OptionalText = None
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
-    """One JSON object a row."""
+    """One JSON object per row."""
 
     def run(self) -> int:
-        """Run the bench, and write the table, as numbers and as a page, and a picture a class."""
+        """Run the bench, and write the table, as numbers and as a page, and a picture per class."""
         from stancekit.configs import config_path
         from stancekit.learners.data.executors import executor
         from stancekit.learners.evaluation import evaluate
@@ -150,12 +150,12 @@ class _BenchPlanner:
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of the mixed-integer programs."""
     cap: OptionalFloat = None
-    """Time limit of a mixed-integer program [s]; 120, or 20 with --quick, where there is none."""
+    """Time limit of a mixed-integer program [s]; unless given, 120, or 20 with --quick."""
     out: OptionalPath = None
-    """Folder for the cells and the table; out/bench-planner, or out/bench-planner-quick, where
-    there is none."""
+    """Folder for the cells and the table; unless given, out/bench-planner, or
+    out/bench-planner-quick."""
     json: bool = False
-    """One JSON object a cell."""
+    """One JSON object per cell."""
 
     def run(self) -> int:
         """Measure what is missing, and print the table."""
@@ -470,28 +470,28 @@ class BenchGait:
     """
 
     quick: bool = False
-    """One task a terrain by four methods: a few minutes on one core."""
+    """One task per terrain by four methods: a few minutes on one core."""
     terrain: Annotated[str, tyro.conf.arg(metavar="NAMES")] = ""
-    """Some of ripple, cone, hill, pit, pit-84, pit-87, with commas; the paper's four where there is
-    none."""
+    """Some of ripple, cone, hill, pit, pit-84, pit-87, with commas; unless given, the paper's
+    four."""
     chart: Annotated[str, tyro.conf.arg(metavar="METHODS")] = ""
-    """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all where
-    there is none."""
+    """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all
+    unless given."""
     tasks: OptionalInt = None
-    """Every so-manieth task of a terrain: 1 is all of them, 4 every fourth."""
+    """Which tasks of a terrain: 1 for all of them, 4 for every fourth."""
     seeds: OptionalInt = None
-    """Perturbed guesses a task, besides the guess itself; 3 where there is none."""
+    """Perturbed guesses per task, besides the guess itself; 3 unless given."""
     cap: OptionalFloat = None
     """CPU time at which a solve is cut off and counts as a failure [s]."""
     workers: int = 1
     """Processes."""
     out: OptionalPath = None
-    """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is
-    none."""
+    """Folder for the cells and the tables; unless given, out/bench-gait, or
+    out/bench-gait-quick."""
     kept: bool = False
     """Measure nothing: the tables of what the folder has."""
     json: bool = False
-    """One JSON object a cell."""
+    """One JSON object per cell."""
 
     def run(self) -> int:
         """Measure what is missing, and print the tables."""

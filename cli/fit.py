@@ -56,7 +56,7 @@ class Fit:
       gradient       boxes that descend P1's margins together
       neural         a network from terrain to box
       joint          one to box and point, for P1 joined with the lift
-      modes          a box a terrain, between which `stancekit plan --envelopes` switches
+      modes          a box per terrain, between which `stancekit plan --envelopes` switches
       surrogate      feasibility itself, for `stancekit map`, `label --screen` and `screen`
       additive, set  scores of candidates for `stancekit plan --policy`, of leaps' labelled tries
     """
@@ -64,7 +64,7 @@ class Fit:
     dataset: Annotated[
         tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")
     ]
-    """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts
+    """Data set folder of `stancekit label`; for modes one per terrain, in the order in which z counts
     them; for surrogate one or more of one class."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
@@ -88,7 +88,7 @@ class Fit:
     steps: int = 80
     """Steps of the margin descent: more is better and slower."""
     time_limit_s: float = 12.0
-    """Limit of the printed boundary program, a cluster [s]."""
+    """Limit of the printed boundary program, per cluster [s]."""
     seed: int = 0
     """Seed of mixture and descent."""
     config: OptionalPath = None
@@ -257,7 +257,7 @@ class Evaluate:
     """Leave out the lift, which needs no envelope and is compared with the others unless told
     so."""
     projection: Annotated[tuple[str, ...], PROJECTION] = _PROJECTED
-    """Projections; nlp takes some 30 ms a problem."""
+    """Projections; nlp takes some 30 ms per problem."""
     workers: int = 1
     """Processes. Times of P1 are honest with as many as there are idle cores."""
     executor: Literal["processes", "ray"] = "processes"
@@ -265,7 +265,7 @@ class Evaluate:
     address: OptionalText = None
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
-    """One JSON object a row."""
+    """One JSON object per row."""
     markdown: bool = False
     """The table in Markdown, with intervals and the paper's rows."""
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None

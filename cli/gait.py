@@ -242,7 +242,7 @@ class PlanGait:
     """Which way the robot faces, from x towards y [rad], or goal. It walks in any direction; out of
     a pit it has to face its goal, for the feet that stick are in front."""
     heading_end: Annotated[OptionalText, tyro.conf.arg(metavar="RAD|goal")] = None
-    """Which way it faces at the end; as at the start, and not asked for, where there is none. It
+    """Which way it faces at the end; unless given, as at the start, without being held to it. It
     turns the shorter way, on the spot where --goal is --start."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra robots), or has a
@@ -258,8 +258,8 @@ class PlanGait:
     ] = None
     """Order of steps; trot on four feet, tripod on six."""
     cycle_s: OptionalFloat = None
-    """How long a cycle of it lasts; where there is none its own, shorter for a low robot that
-    balances on two feet [s]."""
+    """How long a cycle lasts; unless given, the gait's own, shorter for a low robot that balances
+    on two feet [s]."""
     dynamics: Literal["centred", "printed", "newton-euler"] = "centred"
     """How forces balance: the centred discrete model, the paper's, or Newton-Euler's equations."""
     hessian: Literal["exact", "lbfgs"] = "exact"
@@ -276,13 +276,13 @@ class PlanGait:
     """Feet that stick, e.g. LF,RF: they may pull."""
     suction_n: OptionalFloat = None
     """What a foot that sticks may pull with; its friction cone begins at that pull. Twice the
-    weight where there is none [N]."""
+    weight unless given [N]."""
     seeds: int = 1
     """How many initial guesses of each chart to try; the smoothest accepted walk is kept."""
     seed: int = 0
     """Seed of the perturbed guesses; the first guess is never perturbed."""
     max_iterations: OptionalInt = None
-    """Limit of a solve; 80 in a portfolio and 200 in one chart where there is none."""
+    """Limit of a solve; unless given, 80 in a portfolio and 200 in one chart."""
     total_s: float = 240.0
     """CPU time of solves and of verdicts between them; the best walk until then is the answer
     [s]."""

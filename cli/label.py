@@ -38,7 +38,7 @@ _MOST = 100_000_000
 
 @dataclass
 class Sample:
-    """Draw posture problems from a distribution, one JSON object a line.
+    """Draw posture problems from a distribution, one JSON object per line.
 
     The output is what `stancekit solve` reads. Equal seeds give equal problems.
     """
@@ -57,7 +57,7 @@ class Sample:
     seed: int = 0
     """Seed of the random stream."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """File to write; standard output where there is none."""
+    """File to write; standard output unless given."""
     json: bool = False
     """Say what was written to a file as one JSON object."""
 
@@ -146,25 +146,24 @@ class LabelPostures:
     """Mesh or grid that the scenes of terrain-k are cut from, or a ground by its name, as
     stairs:0.5:7."""
     feasible: OptionalInt = None
-    """Feasible rows, of postures: 500 where nothing is said."""
+    """Feasible rows, of postures: 500 unless given."""
     infeasible: OptionalInt = None
-    """Infeasible rows, none of them trivial: 500 where nothing is said."""
+    """Infeasible rows, none of them trivial: 500 unless given."""
     natural: bool = False
     """Keep the first feasible + infeasible samples as they come instead, whatever their label."""
     scenes: OptionalInt = None
-    """Scenes, of leaps: 100 where nothing is said."""
+    """Scenes, of leaps: 100 unless given."""
     tries: OptionalText = None
-    """Tries per scene of leaps by each planner of leaps: random=8,finder=4,noise=4 where nothing is
-    said."""
+    """Tries per scene of leaps by each planner of leaps: random=8,finder=4,noise=4 unless given."""
     seed: int = 0
     """Seed; use another one for training than for testing."""
     shard_size: int = 500
-    """Rows a file: what an interruption can lose."""
+    """Rows per file: what an interruption can lose."""
     screen: Annotated[OptionalPath, SURROGATE] = None
     """File of `stancekit fit --method surrogate`: a draw that it calls of a kind of which there are
     enough rows is passed over undecided; what is kept has its evidence as always."""
     screen_error: OptionalFloat = None
-    """Share of the other kind's rows that may be lost so: 0.04 where nothing is said."""
+    """Share of the other kind's rows that may be lost so: 0.04 unless given."""
     workers: OptionalInt = None
     """Number of processes. By default one per processor; up to 500 rows of postures are labelled by
     this process alone, since others take longer to start."""

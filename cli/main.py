@@ -39,7 +39,7 @@ And on a page, to be dragged while one looks: stancekit play walls
 
 Exit code: 0 done; 1 ran, but a check failed; 2 bad input; 70 a mistake in the
 program itself (STANCEKIT_TRACE=1 shows where).
-With --json, one JSON object a line on standard output, and nothing else there."""
+With --json, one JSON object per line on standard output, and nothing else."""
 
 INTERNAL = 70
 """Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a

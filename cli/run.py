@@ -300,7 +300,7 @@ class RunMotion:
     pace: float = 1.0
     """How fast at most; slower where the joints' limits ask for it."""
     rate_hz: OptionalFloat = None
-    """Commands a second, where not the world's own: 200 in simulations, 50 on robots."""
+    """Commands per second, where not the world's own: 200 in simulations, 50 on robots."""
     speed_rad_s: float = 0.4
     """Speed of the soft start, and of the way home."""
     log: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mcap")] = None

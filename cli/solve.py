@@ -215,7 +215,7 @@ _LIMITED = ("exact", "nlp", "micp")
 class SolvePostures:
     """Can the robot hold these postures, and how?
 
-    One answer a problem, in input order.
+    One answer per problem, in input order.
 
     A FILE holds one problem, an array of them, or JSON lines; `-` is standard input. `stancekit
     sample wall-3` shows what a problem looks like.
@@ -241,14 +241,14 @@ class SolvePostures:
     of_method: Annotated[MethodOptions, *OF_METHOD] = field(default_factory=MethodOptions)
     """Settings of the method."""
     time_limit_s: OptionalFloat = None
-    """Limit a problem for exact, nlp and micp (30 unless another is given); what is not decided by
+    """Limit per problem for exact, nlp and micp (30 unless another is given); what is not decided by
     then is undecided [s]."""
     certificate: bool = False
     """Add the certificate to infeasible answers, for `stancekit verify`."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File for the answers, JSON lines, written at the end whole."""
     json: bool = False
-    """One JSON object a line on standard output."""
+    """One JSON object per line on standard output."""
 
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""

@@ -95,7 +95,7 @@ class Verify:
     with balls that are rounded outwards where a root enters. The message says which arithmetic
     decided which leaf. It needs the extra exact."""
     json: bool = False
-    """One JSON object a line."""
+    """One JSON object per line."""
 
     def run(self) -> int:
         """Verify and print the verdicts."""
