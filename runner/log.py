@@ -191,8 +191,6 @@ class Trace:
 
 
 FORMAT = "stancekit/run/1"
-LOADED = "loaded"
-"""The decision to begin with joints that press already."""
 _LARGEST_TIME = 1e9
 """Largest value of times [s] and rates [Hz] in a log."""
 TOPICS: Mapping[str, dict[str, str]] = MappingProxyType(

@@ -22,7 +22,7 @@ from stancekit.planners.files.arrays import Array
 from .acceptance import Accepted
 from .control.estimation import LegOdometry, SilentFeet
 from .control.tracker import Target
-from .log import FORMAT, LOADED, Log, Record
+from .log import FORMAT, Log, Record
 from .motion.time_parametrization import rise_m, soft_motion, soft_start
 from .prepared import (
     Prepared,
@@ -195,7 +195,7 @@ class Runner:
         )
         self.go(path)
         if self.world.preload(first.targets_rad):
-            self.decide(LOADED, "from the beginning")
+            self.decide("loaded", "from the beginning")
         elif not prepared.sees and self.world.drives.yields:
             self.go([first.targets_rad], first.angles_rad)
         self.decide(
