@@ -294,6 +294,7 @@ METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
     },
     expected="a function of a FitRequest that returns a selector",
     accepts=lambda it: takes(it, 1),
+    further=("surrogate", *KINDS),
 )
 """A method is called with a ``FitRequest`` and returns what it learned: an ``EnvelopeSet``,
 ``Modes``, or a selector with ``predict`` and ``save(path)``."""

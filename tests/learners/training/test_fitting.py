@@ -111,7 +111,7 @@ def test_too_few_rows_are_refused_with_the_count_that_was_given(
 
 
 def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> None:
-    with refuses("method"):
+    with refuses("method", "surrogate, additive, set, or FILE.py:NAME"):
         learn("luck", dataset)  # type: ignore[arg-type]
     with refuses("data set"):
         learn("gmm", dataset.select(dataset.infeasible))
