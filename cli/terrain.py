@@ -278,7 +278,10 @@ def _standing_table(found: StandingMap) -> Table:
         for name, count in found.counts().items()
     ]
     margins = [
-        (name, f"{median:.3g} in the median, 5 % below {low:.3g}")
+        (
+            {"support_m": "support [m]", "push_n": "push [N]"}[name],
+            f"{median:.3g} in the median, 5 % below {low:.3g}",
+        )
         for name, (low, median, _) in found.margins().items()
     ]
     return facts(

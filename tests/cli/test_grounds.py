@@ -160,6 +160,7 @@ def test_a_map_is_written_drawn_and_said(stancekit, level, tmp_path):
     assert "proved" in ran.out
     assert "wrote m.png" in ran.out
     assert (tmp_path / "m.png").stat().st_size > 1000
+    assert "push [N]" in ran.out
     ran = stancekit("map", level, "--spacing-m", "0.5", "--headings", "2", "--json")
     (record,) = ran.records
     assert record["counts"] == StandingMap.read(tmp_path / "m.npz").counts()
