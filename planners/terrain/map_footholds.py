@@ -21,6 +21,7 @@ from scipy.ndimage import (
     distance_transform_edt,
     find_objects,
     label,
+    maximum,
     maximum_filter,
     minimum_filter,
 )
@@ -82,12 +83,15 @@ _OWN = 1.0 - 1e-3
 _DEEP = 0.4
 """Foreign cells so deep within that outline, in cells, are in gaps that it closes over; beside a
 straight edge they are less deep."""
-_WIDEST, _VOID, _CLOSED, _FINER, _EMPTY, _MISSING = 1.3, 0.75, 0.6, 3, 2.7, 18.0
-"""Of an exact cloud, in cells: the radius of the widest circle about three points between which its
-ground goes on; how deep places without points are within the hull of a surface that is all ground,
-but for two; and half the width of gaps that are closed where nothing is seen in them. In squares so
-many times finer than cells, points are missing where circles are empty that should have so many,
-and so many are missing together: by chance in none of a hundred clouds of 24 000 points."""
+_WIDEST, _WIDER, _BAY, _USUAL, _CLOSED = 1.3, 1.8, 1.35, 0.9, 0.6
+"""Of an exact cloud: the radius of the widest circle about three points between which its ground
+goes on, in cells, and in the radius that this share of such circles have at the most; in the same,
+that of a circle without points in the hull of a surface that is not all ground; and half the width
+of gaps that are closed where nothing is seen in them, in cells."""
+_FINER, _EMPTY, _MISSING, _LOST = 3, 2.7, 18.0, 6.0
+"""In squares so many times finer than cells, points are missing where circles are empty that should
+have so many, and so many are missing together, or from one circle that is so many times as large as
+usual: by chance in three of ten clouds of 24 000 points, which lose 3 % of their ground by it."""
 _POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
 
@@ -181,7 +185,9 @@ def _planes_of(
     planes, rms, count = fitted(labels, cells)
     normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
     area_m2 = np.bincount(labels[labels >= 0], minlength=len(planes)) * (spacing**2 / normal_z)
-    most = np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0) * _slack(count)
+    most = np.hypot(limits.roughness_m, noise_m if noisy else limits.noise_m or 0.0) * (
+        1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))  # by three of its own deviations
+    )
     strips = rms <= (most if noisy else _FLATTEST * limits.roughness_m)
     within = _inner_rms(labels, cells, rms) if cells.sparse else rms
     level, flat = normal_z >= np.cos(limits.slope_rad), within <= most
@@ -205,7 +211,9 @@ def _planes_of(
     counted = cells.moments[0] if terrain.samples is None or cells.sparse else terrain.samples
     pieces, surfaces = list[TerrainPatch](), list[Patch]()
     padded, inset = np.pad(labels, 1, constant_values=-1), 0.5 + 0.5 * (cells.sparse and not noisy)
-    gapped = set[int]() if noisy else _gapped(padded)
+    gapped = set[int]()  # the surfaces to both sides of a cell that is not of them
+    for ahead, back in () if noisy else _both_sides(padded):
+        gapped.update(np.unique(ahead[(ahead == back) & (ahead != labels)]).tolist())
     points_m = terrain.points_m if whole and len(planes) and not noisy else None
     shown = {} if points_m is None else _shown(points_m, cells, padded, planes)
     for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
@@ -290,9 +298,9 @@ def _exact(labels: Labels, cells: GroundCells) -> tuple[Labels, bool]:
     within, empty = inside(labels), np.array([~cells.known], dtype=np.float64)
     planes = np.pad(fitted(np.where(within, labels, -1), cells)[0], ((0, labels.max() + 2), (0, 0)))
     off_m2 = mean_square(planes.T[:, labels], cells.moments)
-    on = (off_m2 <= _ROUNDED_M**2) & (cells.known | (boxed(empty, 3)[0] <= _BY_CHANCE))
+    on, seen = off_m2 <= _ROUNDED_M**2, cells.known | (boxed(empty, 3)[0] <= _BY_CHANCE)
     exact = on[within].sum() > _ON_PLANES * within.sum()
-    return (apart(np.where(on, labels, -1)), False) if exact else (labels, True)
+    return (apart(np.where(on & seen, labels, -1)), False) if exact else (labels, True)
 
 
 def _widest(
@@ -360,14 +368,6 @@ def _both_sides(padded: NDArray[Any]) -> Iterator[tuple[NDArray[Any], NDArray[An
         yield ahead, padded[1 - u : 1 - u + n, 1 - v : 1 - v + m]
 
 
-def _gapped(padded: Labels) -> set[int]:
-    """The surfaces to both sides of a cell that is not of them."""
-    found, labels = set[int](), padded[1:-1, 1:-1]
-    for ahead, back in _both_sides(padded):
-        found.update(np.unique(ahead[(ahead == back) & (ahead != labels)]).tolist())
-    return found
-
-
 def _cells_of(
     terrain: ElevationMap, limits: FootholdLimits, heard: Noise | None
 ) -> tuple[GroundCells, Noise]:
@@ -403,7 +403,7 @@ def _counted(cells: GroundCells, noise: Noise) -> GroundCells:
 
 def _shown(points_m: Array, cells: GroundCells, padded: Labels, planes: Array) -> dict[int, Any]:
     """What is between points of each surface of a cloud without noise, in cells: all of it where
-    nothing else is, else triangles of its points that no wide circle goes around.
+    nothing else and no bay is, else triangles of its points that no wide circle goes around.
 
     Arguments:
         padded: the surface of each cell, −1 for none, and −1 about them all.
@@ -428,17 +428,14 @@ def _shown(points_m: Array, cells: GroundCells, padded: Labels, planes: Array) -
     tree = shapely.STRtree(points)
     for number in np.unique(own[own >= 0]).tolist():
         hull = shapely.convex_hull(shapely.multipoints(points[owner == number]))
-        box = tree.query(hull)
-        within = box[(owner[box] != number) & shapely.contains_xy(hull, places[box])]
-        far = shapely.distance(points[within], hull.boundary) > _VOID
-        if np.all(within >= len(z)) and far.sum() <= 2:
-            shown[number] = hull.simplify(0.05)
-            continue
         some = tree.query(hull, predicate="dwithin", distance=_WIDEST)
         triangles = some[Delaunay(places[some]).simplices]
         corners = places[triangles[np.all(owner[triangles] == number, axis=1)]]
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-        wide = sides.prod(axis=1) >= 2.0 * _WIDEST * np.abs(np.linalg.det(np.diff(corners, axis=1)))
+        areas = 0.5 * np.abs(np.linalg.det(np.diff(corners, axis=1)))
+        radii = 0.25 * sides.prod(axis=1) / np.maximum(areas, SMALLEST_M)
+        usual = float(np.quantile(np.append(radii[radii < _WIDEST], 0.0), _USUAL))
+        wide = radii >= min(_WIDEST, _WIDER * usual)
         shape = shapely.union_all(
             [
                 shapely.coverage_union_all(shapely.polygons(corners[~wide])),
@@ -449,7 +446,11 @@ def _shown(points_m: Array, cells: GroundCells, padded: Labels, planes: Array) -
         pockets = shapely.get_parts(closed - shape)
         k, at = tree.query(pockets, predicate="contains")
         shape = shapely.union_all([shape, *np.delete(pockets, k[owner[at] != number])])
-        shown[number] = shape.simplify(_STRAIGHT).buffer(-_STRAIGHT, join_style="mitre")
+        bays, others = (hull - shape).buffer(-_BAY * usual), some[owner[some] != number]
+        if bays.is_empty and not shapely.contains_xy(hull, places[others[others < len(z)]]).any():
+            shown[number] = hull.simplify(0.05)
+        else:
+            shown[number] = shape.simplify(_STRAIGHT).buffer(-_STRAIGHT, join_style="mitre")
     return shown
 
 
@@ -471,10 +472,15 @@ def _voids(x: Array, y: Array, padded: Labels, cells: GroundCells) -> Array:
     known[tuple((_FINER * (np.array([x, y]) + 1.5)).astype(np.int_))] = True
     per_place = float(cells.moments[0][padded[1:-1, 1:-1] >= 0].mean()) / _FINER**2
     ground = binary_erosion(binary_closing(np.pad(padded >= 0, 3), square, 2), square)[3:-3, 3:-3]
-    empty = np.pi * per_place * np.square(distance_transform_edt(~known)) > _EMPTY
-    empty &= ground.repeat(_FINER, axis=0).repeat(_FINER, axis=1)
-    part, _ = label(empty, square)
-    empty &= (np.bincount(part.ravel()) * per_place > _MISSING)[part]
+    ground = ground.repeat(_FINER, axis=0).repeat(_FINER, axis=1)
+    lost = np.where(ground, np.pi * per_place * np.square(distance_transform_edt(~known)), 0.0)
+    empty = lost > _EMPTY
+    part, count = label(empty, square)
+    missing = np.bincount(part.ravel()) * per_place > _MISSING
+    missing |= maximum(lost, part, range(count + 1)) > _LOST * np.quantile(
+        np.append(lost[ground], 0.0), _USUAL
+    )
+    empty &= missing[part]
     border = np.argwhere(empty & ~binary_erosion(empty, square)) + 0.5
     bare = np.pad(~cells.known, 1, constant_values=True) & (padded < 0)
     return np.concatenate([border / _FINER - 1.5, np.argwhere(bare) - 1.0])
@@ -548,10 +554,3 @@ def _inner(polygon: Any, inset: float) -> Any:
         .simplify(_POCKET)
         .buffer(-_POCKET, join_style="mitre")
     )
-
-
-def _slack(count: Any) -> Any:
-    """Amount by which the rms of so many heights may exceed their deviation: three of its own
-    deviations.
-    """
-    return 1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
