@@ -443,8 +443,8 @@ def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
     """The answer in the frame of a question, in the world's, and judged there."""
     from .witness import judged  # slow to import
 
-    robot, problem, plan = question.robot or hexapod(), answer.problem, answer.solution
-    frame = question.frame
+    robot, frame = question.robot or hexapod(), question.frame
+    problem, plan, report = answer.problem, answer.solution, answer.report
     assert frame is not None
     answer = replace(answer, message=frame.in_world(answer.message))
     if plan is None:
@@ -452,8 +452,8 @@ def _moved_back(answer: Answer[Plan], question: LaidBetween) -> Answer[Plan]:
         return replace(answer, problem=problem.moved(frame, robot))
     there = plan.moved(frame, robot)
     moved = replace(answer, problem=there.problem, solution=there)
-    if answer.report is None or answer.status is not Status.FEASIBLE:
-        return moved
+    if report is None or not report.accepted or report.late:
+        return replace(moved, report=report and replace(report, answer=there))
     return judged(moved)
 
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,8 +24,9 @@ from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.model import ReachRows, RelativeReach
 from stancekit.planners.robot.walker import sets_of
 from stancekit.planners.search.pieces import Standing
-from stancekit.planners.search.plan_course import UNPROVED, LayOut, plan_course, replan
+from stancekit.planners.search.plan_course import UNPROVED, LayOut, _moved_back, plan_course, replan
 from stancekit.planners.search.two_stage import TwoStage
+from stancekit.planners.terrain.patch import Frame
 from stancekit.planners.verify import Report, check_certificate, check_plan
 from stancekit.planners.verify.margins import stance_margins
 from tests.planners.robot.small_urdfs import quadruped
@@ -336,3 +338,14 @@ def test_a_plan_with_more_margin_is_preferred_where_it_is_asked_for() -> None:
     assert pushes[1] > max(0.4 * firm.problem.weight_n, 1.5 * pushes[0])
     with refuses("prefer_margin", "exact"):
         stancekit.plan("stairs", "exact", settings=prefer)
+
+
+def test_a_plan_that_is_refused_in_a_frame_of_its_own_is_written_with_its_report(tmp_path):
+    answer = stancekit.plan("walls", frames=2)
+    defect = replace(answer.report, defect="no time was left for it")
+    refused = replace(answer, status=Status.UNDECIDED, report=defect)
+    question = SimpleNamespace(robot=None, frame=Frame(origin_m=np.ones(3), heading_rad=0.3))
+    moved = _moved_back(refused, question)
+    assert not moved.report.accepted
+    assert moved.report.answer is moved.solution
+    stancekit.save(moved, tmp_path / "plan.json")
