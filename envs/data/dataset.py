@@ -490,14 +490,15 @@ class Dataset:
 
         Raises InvalidInput for anything else.
         """
-        rows = np.asarray(indices)
         try:
-            chosen = self.chosen[rows if rows.size else rows.astype(np.intp)]
-        except IndexError as error:
+            rows = np.asarray(indices)
+            found = self.chosen[rows if rows.size else rows.astype(np.intp)]
+            # a row of rows is none that numbers can be broadcast to
+            return replace(self, chosen=np.broadcast_to(found, found.size), _open={})
+        except (IndexError, ValueError) as error:
             raise InvalidInput(
                 f"indices: expected numbers of rows or a mask of {len(self)}: {error}"
             ) from None
-        return replace(self, chosen=np.atleast_1d(chosen), _open={})
 
     def only(self, part: Part) -> Dataset:
         """The rows of "train", of "test", two in ten, or of "calibration", one in ten, by a hash of
@@ -513,7 +514,7 @@ class Dataset:
         shards = [self.ledger.read(shard, ["problem"]) for shard in range(self.header.plan.shards)]
         texts = [text for shard in shards for text in shard.column("problem").to_pylist()]
         members = [part_of(texts[k]) == part for k in self.chosen]
-        return replace(self, chosen=self.chosen[np.array(members, dtype=bool)], part=part, _open={})
+        return replace(self.select(members), part=part)
 
     @property
     def origin(self) -> dict[str, str]:

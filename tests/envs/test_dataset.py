@@ -530,7 +530,7 @@ def test_rows_are_chosen_by_numbers_or_by_a_mask(data):
     assert np.array_equal(data.select(mask).chosen, data.chosen[data.feasible])
     assert set(data.select(mask.tolist()).labels) == {"feasible"}
     assert data.select(5).chosen.tolist() == [data.chosen[5]]
-    for wrong in (mask[:-1], [len(data)], [0.7], ["feasible"]):
+    for wrong in (mask[:-1], [len(data)], [0.7], ["feasible"], [[0, 1]], [[0], [1, 2]], True):
         with refuses("indices", str(len(data))):
             data.select(wrong)
 
