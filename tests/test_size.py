@@ -31,16 +31,16 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1374, 17032),
-    "cli": (3035, 36813),
+    "api": (1271, 15528),
+    "cli": (2946, 35596),
     "configs": (3, 30),
-    "envs": (3055, 42337),
-    "learners": (5161, 75992),
-    "planners": (34799, 574683),
-    "runner": (6509, 89532),
-    "views": (4179, 66927),
+    "envs": (2954, 41040),
+    "learners": (4620, 68392),
+    "planners": (34862, 576887),
+    "runner": (6456, 88767),
+    "views": (4004, 64535),
 }
-CAPS: dict[str, int] = {"tests": 42_200, "benchmarks": 13_440}
+CAPS: dict[str, int] = {"tests": 41_700, "benchmarks": 13_260}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
