@@ -1,8 +1,8 @@
 """MICP as mixed-integer solvers take it: the paper's program (``papers.micp``), with planes in the
 place of cones for a solver that has none.
 
-For postures it is compiled once per layout, with parameters in the place of their numbers. A solver
-without second-order cones gets planes around or inside them, and tangents in the place of squares.
+For postures it is compiled once per layout, with parameters in the place of their numbers. HiGHS,
+which has no second-order cones, gets planes around them, and tangents in the place of squares.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked_choice
 from .envelope import Envelope
 from .mccormick import Axes
-from .papers import Breaks, Encoding, micp
+from .papers import Breaks, micp
 
 _ANY = 1e9  # gap: the first point found ends the search, since a claim needs no best point
 SOLVERS: Mapping[str, tuple[str, str, tuple[str, str], dict[str, Any]]] = MappingProxyType(
@@ -45,8 +45,6 @@ _ABSOLUTE_GAP = 1e-4
 """Absolute gap of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off
 the goal."""
 Claim = Literal["feasible", "infeasible", "unknown"]
-_Cones = Literal["exact", "outer", "inner"]
-_Cut = Literal["both", "position"]
 _Domain = Literal["course", "unit"]
 _EnvelopeUse = Literal["rows", "shrink"]
 _TANGENTS = 16  # planes around a disc: the polygon exceeds it by 2 % at its corners, the polyhedron of a ball by 4 %
@@ -60,38 +58,23 @@ class MicpGrid:
     """Grid that cuts m = p f.
 
     Arguments:
-        intervals: pieces of every p_j and f_k, a power of two for the encoding "log".
-        cut: "position" leaves f in one piece.
+        intervals: pieces of every p_j and f_k, a power of two.
         domain: what is divided where no envelope shrinks it: bounds that the problem implies
             ("course"), or [−1, 1], Lin et al.'s range of every p and f.
         envelope_use: "rows" adds an envelope's rows to the grid (Lin et al.); "shrink" divides the
             envelope, met with the problem's own bounds.
-        cones: planes around ("outer") or inside them, or "exact"; None: planes around them for
-            HiGHS, which has none, else exact.
     """
 
     intervals: int = 4
-    encoding: Encoding = "log"
-    cut: _Cut = "both"
     domain: _Domain = "course"
     envelope_use: _EnvelopeUse = "rows"
-    cones: _Cones | None = None
 
     def __post_init__(self) -> None:
-        options = (self.encoding, self.cut, self.domain, self.envelope_use)
-        known = {"encoding": Encoding, "cut": _Cut, "domain": _Domain, "envelope_use": _EnvelopeUse}
-        for (name, values), value in zip(known.items(), options, strict=True):
-            checked_choice(value, f"{name}", get_args(values))
+        checked_choice(self.domain, "domain", get_args(_Domain))
+        checked_choice(self.envelope_use, "envelope_use", get_args(_EnvelopeUse))
         object.__setattr__(self, "intervals", int(self.intervals))  # numpy's have no bit_length
-        if self.intervals < 1 or (self.encoding == "log" and self.intervals & (self.intervals - 1)):
-            raise InvalidInput(
-                f"intervals: expected 1 or more, and a power of two for 'log', got {self.intervals}"
-            )
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        """Pieces of every p_j, and of every f_k."""
-        return self.intervals, self.intervals if self.cut == "both" else 1
+        if self.intervals < 1 or self.intervals & (self.intervals - 1):
+            raise InvalidInput(f"intervals: expected a power of two, got {self.intervals}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,8 +116,8 @@ class _Symbols:
         self._numbers = {
             name: symbol for name, symbol in vars(self).items() if isinstance(symbol, cp.Parameter)
         }
-        p, f = (count + 1 for count in grid.counts)
-        shapes = ((3 * contacts, p), (3 * contacts, f), (9 * contacts, p * f))
+        ends = grid.intervals + 1
+        shapes = ((3 * contacts, ends), (3 * contacts, ends), (9 * contacts, ends**2))
         self._cells = [cp.Parameter(shape) for shape in shapes]
         self.breaks = Breaks(*self._cells)
 
@@ -162,7 +145,6 @@ class MicpProgram:
         self,
         scaled: Scaled | _Symbols,
         breaks: Breaks,
-        grid: MicpGrid = MicpGrid(),
         *,
         solver: str = "highs",
         axes: Axes = "contact",
@@ -173,14 +155,14 @@ class MicpProgram:
         self.model = micp(
             cast(Scaled, scaled),
             breaks,
-            grid.encoding,
             axes=axes,
             envelope=envelope,
             optimise=gap is not None,
         )
-        cost, cones = self.model.cost, cones_of(grid, solver)
-        constraints = [plane for row in self.model.terms.values() for plane in planes(row, cones)]
-        if gap is not None and cones != "exact":
+        cost, constraints = self.model.cost, list(self.model.terms.values())
+        if solver == "highs":
+            constraints = [plane for row in constraints for plane in planes(row)]
+        if gap is not None and solver == "highs":
             cost, tangents = without_squares(cost)
             constraints += tangents
         self.problem = cp.Problem(cp.Minimize(cost), constraints)
@@ -264,50 +246,34 @@ class MicpProgram:
 def of_layout(layout: Layout, grid: MicpGrid, solver: str) -> tuple[_Symbols, MicpProgram]:
     """The program of all postures of a layout, and what to load their numbers into."""
     symbols = _Symbols(layout, grid)
-    return symbols, MicpProgram(symbols, symbols.breaks, grid, solver=solver)
+    return symbols, MicpProgram(symbols, symbols.breaks, solver=solver)
 
 
-def cones_of(grid: MicpGrid, solver: str) -> _Cones:
-    """Treatment of second-order cones.
-
-    Raises InvalidInput for what there is not.
-    """
-    cones = grid.cones or ("outer" if solver == "highs" else "exact")
-    if cones not in ("outer", "inner") and not (cones == "exact" and solver != "highs"):
-        raise InvalidInput(
-            f"cones: expected outer, inner, or exact for another solver than highs, got {cones!r}"
-        )
-    return cones
-
-
-def cell_error(domain: Envelope, counts: tuple[int, int]) -> float:
+def cell_error(domain: Envelope, intervals: int) -> float:
     """The most that m may be off p f in a cell: a quarter of the largest product of its sides
     (McCormick 1976).
 
     Arguments:
         domain: of [p, f].
-        counts: pieces of a p_j and of an f_k. Non-dimensional, as m is.
+        intervals: pieces of every p_j and f_k. Non-dimensional, as m is.
     """
     sides = domain.high - domain.low
-    return float(np.max(sides[:, :3, None] * sides[:, None, 3:])) / (4.0 * counts[0] * counts[1])
+    return float(np.max(sides[:, :3, None] * sides[:, None, 3:])) / (4.0 * intervals**2)
 
 
-def planes(constraint: cp.Constraint, cones: _Cones) -> Sequence[cp.Constraint]:
-    """The constraint, or planes around or inside it if it is second-order cones ‖x‖ ≤ t of 2 or 3
-    components.
+def planes(constraint: cp.Constraint) -> Sequence[cp.Constraint]:
+    """The constraint, or planes around it if it is second-order cones ‖x‖ ≤ t of 2 or 3 components.
 
     Three components are nested discs, ‖(x₁, x₂)‖ ≤ r and ‖(r, x₃)‖ ≤ t, with a variable r each
     (Ben-Tal, Nemirovski).
     """
-    if cones == "exact" or not isinstance(constraint, cp.SOC):
+    if not isinstance(constraint, cp.SOC):
         return [constraint]
     radius, vectors = (
         cp.reshape(part, (constraint.args[0].size, -1), order="C").T for part in constraint.args
     )
     if constraint.axis == 0 and constraint.args[1].ndim == 2:
         vectors = constraint.args[1]
-    if cones == "inner":  # the polygon has corners, and so has the one that nests it
-        radius = np.cos(np.pi / _TANGENTS) ** (vectors.shape[0] - 1) * radius
     angle = np.linspace(0.0, 2.0 * np.pi, _TANGENTS, endpoint=False)
     circle, every = np.column_stack([np.cos(angle), np.sin(angle)]), np.ones((_TANGENTS, 1))
     if vectors.shape[0] == 2:

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import cvxpy as cp
 import numpy as np
@@ -37,8 +37,6 @@ Terms = dict[str, cp.Constraint]
 """Constraints by name, with the names, shapes and signs of the groups of rows in ``terms``."""
 _Vectors: TypeAlias = cp.Expression | Array
 """A vector a row, shape (n, 3)."""
-
-Encoding = Literal["log", "unary"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -179,7 +177,6 @@ def fix_forces(scaled: Scaled, held: Point) -> Model:
 def micp(
     scaled: Scaled,
     breaks: Breaks,
-    encoding: Encoding,
     *,
     axes: Axes = "contact",
     envelope: Envelope | None = None,
@@ -194,7 +191,7 @@ def micp(
         optimise: minimise the objective; else a cost with which a first point is found soon.
     """
     plan, products, terms = coupled(scaled, axes)
-    cells = Cells(breaks, encoding)
+    cells = Cells(breaks)
     terms |= cells.terms(*products.parts)
     if envelope is not None:
         terms |= mccormick(products.parts, envelope)
@@ -590,16 +587,16 @@ class Breaks(NamedTuple):
     products: _Vectors
 
     @classmethod
-    def of(cls, domain: Envelope, counts: tuple[int, int]) -> Breaks:
+    def of(cls, domain: Envelope, intervals: int) -> Breaks:
         """The breakpoints that cut the sides of a domain evenly.
 
         Arguments:
             domain: of [p, f], B contacts.
-            counts: pieces of a p_j and of an f_k, so that there are one more breakpoint each.
+            intervals: pieces of every p_j and f_k, so that there is one more breakpoint each.
         """
         p, f = (
-            np.linspace(low, high, count + 1, axis=-1)
-            for (low, high), count in zip((domain.position, domain.force), counts, strict=True)
+            np.linspace(low, high, intervals + 1, axis=-1)
+            for low, high in (domain.position, domain.force)
         )
         products = p[:, :, None, :, None] * f[:, None, :, None, :]
         rows = 3 * len(p)
@@ -621,11 +618,10 @@ class Cells:
 
     Arguments:
         breaks: breakpoints; α, β and w have their rows.
-        encoding: of the choice, see ``neighbouring``.
     """
 
-    def __init__(self, breaks: Breaks, encoding: Encoding) -> None:
-        self._breaks, self._encoding = breaks, encoding
+    def __init__(self, breaks: Breaks) -> None:
+        self._breaks = breaks
         self._alpha, self._beta = (cp.Variable(ends.shape, nonneg=True) for ends in breaks[:2])
         self._corners = cp.Variable(
             breaks.products.shape, nonneg=True
@@ -664,7 +660,7 @@ class Cells:
             "by_f": by_f == beta[of_f],
         }
         for name, weights in (("alpha", alpha), ("beta", beta)):
-            sos2 = neighbouring(weights, self._encoding)
+            sos2 = neighbouring(weights)
             terms |= {f"sos2_{name}_{k}": row for k, row in enumerate(sos2)}
         names, parts = ("on_p", "on_f", "on_m"), (position, forces, moments)
         every = (alpha, beta, corners)
@@ -674,28 +670,13 @@ class Cells:
         return terms
 
 
-def neighbouring(weights: cp.Variable, encoding: Encoding) -> list[cp.Constraint]:
-    """Every row of ``weights``, shape (R, K + 1), is zero but for two neighbours (SOS2); one
-    interval needs no row.
-
-    Arguments:
-        encoding: "unary" has a binary an interval, "log" log2 of them (Vielma and Nemhauser).
-
-    Returns:
-        Constraints.
+def neighbouring(weights: cp.Variable) -> list[cp.Constraint]:
+    """Every row of ``weights``, shape (R, K + 1), is zero but for two neighbours (SOS2), by log2 K
+    binaries (Vielma and Nemhauser); one interval needs no row.
     """
     rows, count = weights.shape[0], weights.shape[1] - 1
     if count == 1:
         return []
-    if (
-        encoding == "unary"
-    ):  # Padberg: weight up to breakpoint a wants an interval up to a; from a on, from a − 1 on
-        chosen, ends = cp.Variable((rows, count), boolean=True), np.ones((count + 1, count))
-        return [
-            cp.sum(chosen, axis=1) == 1,
-            weights @ np.triu(ends) <= chosen @ np.triu(ends[1:]),
-            weights @ np.tril(ends, -1) <= chosen @ np.tril(ends[1:]),
-        ]
     bits = count.bit_length() - 1
     code = (
         np.array([k ^ (k >> 1) for k in range(count)])[:, None] >> np.arange(bits) & 1 == 1

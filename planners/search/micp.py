@@ -4,8 +4,7 @@ bound in binaries.
 The program is ``relaxation.papers.micp``; which candidate patch a toe takes is binary, too. An
 envelope comes in as rows of its own over the whole grid (Lin et al.), or as the box that the grid
 divides. HiGHS has no second-order cones: with tangent planes around them "infeasible" holds for the
-cones, too, while a point may leave them; with planes inside them a point holds, and "infeasible"
-says nothing. Whatever a solver claims, its point is projected and verified.
+cones, too, while a point may leave them. Whatever a solver claims, its point is projected and verified.
 """
 
 from __future__ import annotations
@@ -311,7 +310,7 @@ class Micp(Method):
 
     Arguments:
         solver: "highs", "scip" or "gurobi".
-        intervals, encoding, cut, domain, envelope_use, cones: the grid, see ``MicpGrid``.
+        intervals, domain, envelope_use: the grid, see ``MicpGrid``.
         envelopes: a box over the stance contacts, or a learned set of one, that the grid is over;
             it confines the search, so that "infeasible" then speaks of the envelope only.
         gap: of courses: relative, to which the objective is minimised (with planes from below, by
@@ -341,14 +340,11 @@ class Micp(Method):
     envelope_use: Literal["rows", "shrink"] = "rows"
     gap: float | None = None
     projection: Projection = "scp"
-    encoding: str = "log"
-    cut: str = "both"
     domain: str = "course"
-    cones: str | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        from ..relaxation.micp import SOLVERS, cones_of
+        from ..relaxation.micp import SOLVERS
 
         if self.intervals > MOST_INTERVALS:
             raise InvalidInput(
@@ -356,7 +352,7 @@ class Micp(Method):
             )
         check_numbers(self, least=("gap",))
         PROJECTIONS.get(self.projection)
-        cones_of(self.grid, self.solver)
+        _ = self.grid
         if isinstance(self.envelopes, EnvelopeSet) and len(self.envelopes.envelopes) > 1:
             raise InvalidInput(
                 f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}"
@@ -391,7 +387,7 @@ class Micp(Method):
             "solver_s": answer.seconds,
             "solver_cpu_s": time.process_time() - begin,
         }
-        details["cell_error"] = cell_error(self.boxes(problem)[0], self.grid.counts)
+        details["cell_error"] = cell_error(self.boxes(problem)[0], self.grid.intervals)
         point, message = None, answer.message
         if answer.point is not None and answer.choice is not None and answer.moments is not None:
             details["claimed_residual"] = float(np.abs(answer.moments).max())
@@ -429,7 +425,7 @@ class Micp(Method):
         from ..relaxation.papers import Breaks
 
         scaled, (domain, envelope) = Scaled.of(problem), self.boxes(problem)
-        breaks = Breaks.of(domain, self.grid.counts)
+        breaks = Breaks.of(domain, self.grid.intervals)
         if problem.is_posture and envelope is None:
             symbols, program = self.kept.get(of_layout, scaled.layout, self.grid, self.solver)
             symbols.load(scaled, breaks)
@@ -437,7 +433,7 @@ class Micp(Method):
         gap = None if problem.is_posture else self.gap
         axes = axes_of(scaled)
         return MicpProgram(
-            scaled, breaks, self.grid, solver=self.solver, axes=axes, envelope=envelope, gap=gap
+            scaled, breaks, solver=self.solver, axes=axes, envelope=envelope, gap=gap
         )
 
     def boxes(self, problem: Problem) -> tuple[Envelope, Envelope | None]:

@@ -209,7 +209,7 @@ def asked(problem, grid=TWO, solver="highs"):
     scaled = Scaled.of(problem)
     domain = domain_of(scaled, "contact")
     symbols, program = shared(scaled.layout, grid, solver)
-    symbols.load(scaled, Breaks.of(domain, grid.counts))
+    symbols.load(scaled, Breaks.of(domain, grid.intervals))
     return program, domain
 
 
@@ -295,41 +295,19 @@ def test_a_point_of_the_grid_lies_on_the_surface_up_to_its_cells(feasible):
             3, 9
         ) / intervals**2
         assert np.all(gap <= 0.25 * cell + 1e-6)  # McCormick's largest gap over a cell
-        assert gap.max() <= cell_error(domain, (intervals, intervals)) + 1e-6
+        assert gap.max() <= cell_error(domain, intervals) + 1e-6
         gaps.append(gap.max())
     assert gaps[0] > 1e-4
 
 
-@pytest.mark.parametrize("cut", ["both", "position"])
-def test_both_encodings_make_the_same_claim(scenes, cut):
-    claims = []
-    for problem, _ in scenes[:6]:
-        log, unary = (
-            asked(problem, MicpGrid(intervals=2, encoding=encoding, cut=cut))[0]
-            .solve(Scaled.of(problem), 60.0)
-            .claim
-            for encoding in ("log", "unary")
-        )
-        assert log == unary
-        claims.append(log)
-    assert set(claims) == {"feasible", "infeasible"}
-
-
 def test_binaries_are_a_variable_and_not_a_cell(scenes):
-    problem = scenes[0][0]
-    figures = {
-        encoding: asked(problem, MicpGrid(encoding=encoding))[0].figures
-        for encoding in ("log", "unary")
-    }
-    assert figures["log"]["binaries"] == 18 * 2
-    assert figures["unary"]["binaries"] == 18 * 4
-    assert asked(problem, MicpGrid(cut="position"))[0].figures["binaries"] == 9 * 2
+    assert asked(scenes[0][0], MicpGrid())[0].figures["binaries"] == 18 * 2
 
 
 def test_binaries_grow_with_the_limbs_that_carry():
     course = read_course("walls", frames=4)
     scaled = Scaled.of(course)
-    program = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), MicpGrid().counts))
+    program = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), MicpGrid().intervals))
     carrying = sum(len(stance.limbs) for stance in course.stances)
     assert program.figures["binaries"] == 12 * carrying == 252
 
@@ -455,7 +433,7 @@ def test_the_program_that_postures_share_is_the_one_written_for_each_of_them(sce
     planner = Micp(intervals=2)
     for problem, _ in scenes[:4]:
         scaled, ours = Scaled.of(problem), planner.program(problem)
-        own = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), TWO.counts), TWO)
+        own = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), TWO.intervals))
         assert ours is planner.program(problem)
         assert ours.figures == own.figures
         with warnings.catch_warnings(
@@ -497,8 +475,6 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
             lambda: Micp(solver="cplex"),
             "solver",
         ),
-        (lambda: MicpGrid(encoding="hot"), "encoding"),
-        (lambda: MicpGrid(cut="force"), "cut"),
         (
             lambda: MicpGrid(intervals=3),
             "intervals",
@@ -508,10 +484,6 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
             "envelope_use",
         ),
         (lambda: MicpGrid(domain="mine"), "domain"),
-        (
-            lambda: Micp(cones="exact"),
-            "cones",
-        ),
         (lambda: Micp(gap=-0.1), "gap"),
         (lambda: Micp(time_limit_s=-1.0), "time_limit_s"),
         (
