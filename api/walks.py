@@ -13,9 +13,8 @@ from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.arguments import check_argument, check_names, checked
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, interruptible
 from stancekit.planners.files.arrays import Array, checked as checked_number, checked_int
-from stancekit.planners.gait.method.attempt import Attempt, Progress
+from stancekit.planners.gait.method.attempt import Attempt, Progress, Smoothing
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts
-from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import plan_walk
 from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import Walk as Walk

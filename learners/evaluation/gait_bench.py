@@ -31,7 +31,7 @@ from stancekit.planners.files.documents import check_fields, read_json, shown, v
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.gait_program import formulate
-from stancekit.planners.gait.method.budget import SolveBudget
+from stancekit.planners.gait.method.attempt import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import Walk

@@ -43,9 +43,19 @@ from ..gait_program import GaitProgram, GaitSolution, terms
 from ..settings import GaitSettings
 from ..transcription.taylor import Block, Constraint
 from ..variables import Structure
-from .attempt import Attempt, Attempted, Homotopy, Progress, Workbench
-from .budget import SolveBudget, SolveRecord
-from .smoothing import Smoothing, Solver, peak_g, smoothed
+from .attempt import (
+    Attempt,
+    Attempted,
+    Homotopy,
+    Progress,
+    Smoothing,
+    SolveBudget,
+    Solver,
+    SolveRecord,
+    Workbench,
+    peak_g,
+    smoothed,
+)
 
 GENTLE = 1.0
 """Gradient that needs no homotopy: 45°."""

@@ -25,8 +25,7 @@ from ...problem.guide_path import Footprint, GuidePath, guide_over
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
 from ..settings import GaitSettings
-from .attempt import Attempt, Attempted, Progress
-from .budget import SolveRecord, cpu_s
+from .attempt import Attempt, Attempted, Progress, SolveRecord, cpu_s
 from .portfolio import Attempts, Caps, default_attempts, plan_gait
 
 LOG = logging.getLogger(__name__)

@@ -17,8 +17,8 @@ from stancekit.planners.formats.motion_file import check_file
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.forbidden import GradientBoxes, forbidden, unheld
 from stancekit.planners.gait.gait_program import formulate
+from stancekit.planners.gait.method.attempt import smoothed
 from stancekit.planners.gait.method.portfolio import plan_gait
-from stancekit.planners.gait.method.smoothing import smoothed
 from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.problem.walk import GAITS, Walk
 from stancekit.planners.robot.walker import anymal, hexapod_walker

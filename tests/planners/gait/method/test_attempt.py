@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.planners.gait.constraints.feet import reach
 from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.method.attempt import Attempt, Workbench
+from stancekit.planners.gait.method.attempt import Attempt, Smoothing, Workbench, peak_g, smoothed
 from stancekit.planners.gait.method.portfolio import (
     GENTLE,
     GROWTH,
@@ -26,7 +26,6 @@ from stancekit.planners.gait.method.portfolio import (
     stage_program,
     tightened,
 )
-from stancekit.planners.gait.method.smoothing import Smoothing, peak_g, smoothed
 from stancekit.planners.gait.transcription.program import Program
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.robot.walker import anymal

@@ -14,11 +14,9 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import NoPlace, PlanningFailed
-from stancekit.planners.gait.method import attempt, budget, way
-from stancekit.planners.gait.method.attempt import Attempt
-from stancekit.planners.gait.method.budget import SolveBudget
+from stancekit.planners.gait.method import attempt, way
+from stancekit.planners.gait.method.attempt import Attempt, Smoothing, SolveBudget
 from stancekit.planners.gait.method.portfolio import Attempts, Caps, default_attempts, plan_gait
-from stancekit.planners.gait.method.smoothing import Smoothing
 from stancekit.planners.gait.method.way import guided, pieces_of, plan_walk
 from stancekit.planners.gait.settings import GaitSettings
 from stancekit.planners.gait.transcription import program as transcribed
@@ -163,10 +161,10 @@ class Clock:
 @pytest.mark.parametrize("apart", [False, True])
 def test_a_search_that_fails_ends_with_its_time(apart, monkeypatch):
     clock, write = Clock(), attempt.formulate
-    for module in (budget, transcribed):
+    for module in (attempt, transcribed):
         monkeypatch.setattr(module, "time", clock)
-    monkeypatch.setattr(budget, "cpu_s", clock.cpu_s)
-    monkeypatch.setattr(budget, "_PATIENCE", 1e6)  # a child is given all the time by the wall
+    monkeypatch.setattr(attempt, "cpu_s", clock.cpu_s)
+    monkeypatch.setattr(attempt, "_PATIENCE", 1e6)  # a child is given all the time by the wall
     monkeypatch.setattr(attempt, "formulate", lambda *of: clock.passes(2.0) or write(*of))
     places = {"start": [-2.6, 0.0], "goal": [-0.4, 0.35]}
     steep = Walk(  # a higher hill is not looked for at all
@@ -180,7 +178,7 @@ def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
     def hanging(*_, time_limit_s, **__):
         raise PlanningFailed(f"the solver did not answer within {time_limit_s:g} s")
 
-    monkeypatch.setattr(budget, "solve_in_subprocess", hanging)
+    monkeypatch.setattr(attempt, "solve_in_subprocess", hanging)
     program = plan.attempts[0].solution.program
     held = SolveBudget(solve_s=2.0, in_subprocess=True)
     solution = held(program, program.guess)
