@@ -39,8 +39,14 @@ from ..verify import Report, check_plan
 from .centre import APART_M, CLEAR_PRICE, Nearness, PathClearance
 from .force_distribution import EASY, Restoration, Restored, along
 from .held import pressing, push_share, pushed
-from .spared_contacts import SparedGiven, spared_contacts
-from .whole_body_step import TORQUE_PRICE, WholeBodyGiven, WholeBodyStep, keeps_to
+from .whole_body_step import (
+    TORQUE_PRICE,
+    SparedGiven,
+    WholeBodyGiven,
+    WholeBodyStep,
+    keeps_to,
+    spared_contacts,
+)
 
 
 @dataclass(frozen=True, kw_only=True)

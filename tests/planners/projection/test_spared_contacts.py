@@ -19,9 +19,8 @@ from stancekit.planners.search.two_stage import TwoStage
 pytest.importorskip("pinocchio")
 from stancekit.planners.projection import whole_body
 from stancekit.planners.projection.force_distribution import Restoration
-from stancekit.planners.projection.spared_contacts import SparedGiven, spared_contacts
 from stancekit.planners.projection.whole_body import WholeBodyLimits
-from stancekit.planners.projection.whole_body_step import TorqueRows
+from stancekit.planners.projection.whole_body_step import SparedGiven, TorqueRows, spared_contacts
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 SMALL = 1e-5
