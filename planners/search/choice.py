@@ -29,8 +29,7 @@ from ..projection.project import SURFACE, cost
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..terrain import Patch
 from .answer import Clock
-from .cuts import LEAF, MARGIN, FarkasCuts, alone, of_stance
-from .nogoods import Nogoods
+from .cuts import LEAF, MARGIN, FarkasCuts, Nogoods, alone, of_stance
 from .pieces import Standing
 
 Features = dict[str, NDArray[np.float32]]

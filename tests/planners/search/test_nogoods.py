@@ -16,7 +16,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.search.answer import Clock
 from stancekit.planners.search.choice import nearest
-from stancekit.planners.search.nogoods import Nogoods
+from stancekit.planners.search.cuts import Nogoods
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import check_certificate, check_plan
 from tests.planners.oracle import with_choice

@@ -16,7 +16,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.project import PROJECTIONS, cost
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.robot.robot_file import FOOT_RADIUS_M
-from stancekit.planners.search import nogoods
+from stancekit.planners.search import cuts
 from stancekit.planners.search.answer import Acceptance, Clock
 from stancekit.planners.search.two_stage import TwoStage, decide
 from stancekit.planners.verify import check_certificate, check_plan
@@ -69,7 +69,7 @@ def test_a_status_is_always_one_that_the_verifier_confirms_whatever_the_projecti
 def test_without_cuts_what_p1_admits_and_p2_does_not_find_stays_open_and_with_them_it_is_refuted(
     drawn, as_course, programs, monkeypatch
 ):
-    monkeypatch.setattr(nogoods, "NODES", 1)  # or its stance alone would tell
+    monkeypatch.setattr(cuts, "NODES", 1)  # or its stance alone would tell
     course = as_course(drawn("wall-3", 225))
     blunt = TwoStage(programs=programs, cuts=False).solve(course)
     assert (blunt.status, blunt.certificate) == (Status.UNDECIDED, None)
