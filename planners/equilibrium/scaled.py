@@ -18,10 +18,9 @@ from numpy.typing import NDArray
 from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..files.arrays import Array
-from ..problem import Problem
+from ..problem import Contact, Problem
 from ..problem.problem import Weights
-from ..robot.model import turned_most
-from .half_spaces import HalfSpaces, pairs_of_feet, relative_half_spaces
+from ..robot.model import Limb, ReachRows, Robot, turned_most
 from .layout import Index, Layout, shared
 
 Values = TypeVar("Values")
@@ -166,6 +165,119 @@ def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], A
     for row, offsets in zip(table, each, strict=True):
         row[: len(offsets)] = offsets / length_m
     return counts, table
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HalfSpaces:
+    """Non-dimensional numbers of H half-spaces, by limb.
+
+    Arguments:
+        normals: a.
+        bounds: b. Of the inner sets levers: a × z.
+        arms: t(a) U(a), with ‖U(a) x‖ = ‖a × x‖: two rows across a, as long as a.
+        offsets: t(a) U(a) z. Of the outer ones outer_levers: a × s.
+        outer_bounds: b + t(a) (ρ + t(s)).
+    """
+
+    normals: Array  # (H, 3)
+    bounds: Array  # (H,)
+    levers: Array  # (H, 3)
+    arms: Array  # (H, 2, 3)
+    offsets: Array  # (H, 2)
+    outer_levers: Array  # (H, 3)
+    outer_bounds: Array  # (H,)
+
+    @classmethod
+    def of(cls, limbs: Sequence[Limb | Contact], length_m: float, tilt_rad: float) -> HalfSpaces:
+        """Half spaces of some limbs."""
+        parts = [
+            (
+                rows.normals,
+                rows.bounds_m,
+                np.tile([*limb.shoulder_m, limb.reach_m, *_centre(limb, rows)], (count, 1)),
+            )
+            for limb, count in zip(limbs, cls.counts(limbs), strict=False)
+            if (rows := limb.reach_rows) is not None
+        ]
+        if not parts:
+            return cls.none()
+        normals, bounds, owners = (np.concatenate(part) for part in zip(*parts, strict=True))
+        bounds, owners, turned = (
+            bounds / length_m,
+            owners / length_m,
+            turned_most(normals, tilt_rad),
+        )
+        shoulders, reach, levers = owners[:, :3], owners[:, 3], np.cross(normals, owners[:, 4:])
+        arms = turned[:, None, None] * _across(normals)
+        return cls(
+            normals=normals,
+            bounds=bounds,
+            levers=levers,
+            offsets=(arms @ owners[:, 4:, None])[:, :, 0],
+            arms=arms,
+            outer_levers=np.cross(normals, shoulders),
+            outer_bounds=bounds + turned * (reach + turned_most(shoulders, tilt_rad)),
+        )
+
+    @classmethod
+    def none(cls) -> HalfSpaces:
+        """No half-spaces."""
+        line, vectors = np.zeros(0), np.zeros((0, 3))
+        return cls(
+            normals=vectors,
+            bounds=line,
+            levers=vectors,
+            arms=np.zeros((0, 2, 3)),
+            offsets=np.zeros((0, 2)),
+            outer_levers=vectors,
+            outer_bounds=line,
+        )
+
+    @staticmethod
+    def counts(limbs: Sequence[Limb | Contact]) -> tuple[int, ...]:
+        """Number of half spaces per limb; () where none has any."""
+        result = tuple(
+            0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs
+        )
+        return result if any(result) else ()
+
+
+def _across(normals: Array) -> Array:
+    """U(a) of vectors of shape (H, 3): with the axis that is least along a, a × e and a × (a × e),
+    both as long as a; shape (H, 2, 3).
+    """
+    axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    first = np.cross(normals, axes)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    first *= length / np.linalg.norm(first, axis=1, keepdims=True)
+    return np.stack([first, np.cross(normals, first) / length], axis=1)
+
+
+def _centre(limb: Limb | Contact, rows: ReachRows) -> Array:
+    """z: the middle of the half-spaces, drawn into the ball."""
+    out = rows.centre_m - limb.shoulder_m
+    return limb.shoulder_m + out * min(1.0, limb.reach_m / max(float(np.linalg.norm(out)), 1e-12))
+
+
+def relative_half_spaces(robot: Robot, length_m: float, sides: Array) -> Array:
+    """Non-dimensional half-spaces a·(p_other − p_limb) ≤ b, by pair of feet (``robot.reach``), and
+    those that sides n·(p′ − p) ≥ b of least steps of toes are: (a, b), shape (G, 4).
+
+    Arguments:
+        sides: (n, b), shape (K, 4) [m].
+    """
+    pairs = [
+        np.column_stack([each.rows.normals, each.rows.bounds_m]) for each in robot.relative_reach
+    ]
+    return np.concatenate([np.zeros((0, 4)), *pairs, -sides]) / [1.0, 1.0, 1.0, length_m]
+
+
+def pairs_of_feet(robot: Robot) -> tuple[tuple[int, int, int], ...]:
+    """``Layout.relative``."""
+    number = {name: index for index, name in enumerate(robot.limb_names)}
+    return tuple(
+        (number[e.limb], number[e.other], len(e.rows.bounds_m)) for e in robot.relative_reach
+    )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

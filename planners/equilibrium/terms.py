@@ -3,7 +3,8 @@ alike.
 
 A term adds its variables and rows to ``Rows``; a program is a short list of terms (``relaxation``,
 ``projection``). All quantities are non-dimensional. Programs are loaded with a ``Given``. The same
-terms in cvxpy: ``relaxation.papers``.
+terms in cvxpy: ``relaxation.papers``. Half-spaces of reach (``robot.reach_sets``) have rows that
+stand in for a·R(Θ)ᵀ(p − c) ≤ b.
 """
 
 from __future__ import annotations
@@ -16,10 +17,62 @@ import numpy as np
 
 from ..arguments import cached_property
 from ..files.arrays import Array
-from .half_spaces import within_half_spaces, within_relative_reach
 from .layout import Fill, Index, Layout, Of
 from .rows import Rows
 from .scaled import Point, Scaled, skew
+
+
+def within_half_spaces(
+    rows: Rows[Any],
+    layout: Layout,
+    com: Index,
+    rotation: Index,
+    put_toes: Callable[[Index, Index, float], None],
+    inner: bool,
+) -> None:
+    """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), the outer set, or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖
+    ≤ b, the inner one.
+
+    The rows are all half-spaces of the limbs that stand, frame by frame; d = p_w − c has columns of
+    its own.
+
+    Arguments:
+        com, rotation: columns of c and Θ, (M, 3).
+        put_toes: see ``terms.Toes``.
+    """
+    frame, _, foothold = layout.standing
+    leg, is_leg = rows.variable("leg", len(frame), 3), rows.equal("leg", len(frame), 3)
+    rows.put(is_leg, leg, 1.0)
+    rows.put(is_leg, com[frame], 1.0)
+    put_toes(is_leg, foothold, -1.0)
+    which, row = layout.standing_rows
+    rows_of_leg = leg[which]
+    if inner and not layout.level:  # else both sets are a·d ≤ b
+        cone = rows.cones("reach_rows", len(row), 3)
+        at, levers, bounds = cone[:, 0], "levers", "bounds"
+        rows.put(cone[:, 1:, None], rows_of_leg[:, None], -Of("scaled.half_spaces.arms", row))
+        rows.right(cone[:, 1:], -Of("scaled.half_spaces.offsets", row))
+    else:
+        at, levers, bounds = rows.at_most("reach_rows", len(row)), "outer_levers", "outer_bounds"
+    rows.put(at[:, None], rows_of_leg, Of("scaled.half_spaces.normals", row))
+    rows.put(at[:, None], rotation[frame[which]], Of(f"scaled.half_spaces.{levers}", row))
+    rows.right(at, Of(f"scaled.half_spaces.{bounds}", row))
+
+
+def within_relative_reach(
+    rows: Rows[Any], layout: Layout, put_toes: Callable[[Index, Index, float], None]
+) -> None:
+    """a·(p_other − p_limb) ≤ b wherever the limb has moved; the difference has columns of its
+    own.
+    """
+    (half_space, which), (moved, other, _) = layout.relative_rows, layout.relative_pairs.T
+    apart, is_apart = rows.variable("apart", len(moved), 3), rows.equal("apart", len(moved), 3)
+    rows.put(is_apart, apart, 1.0)
+    put_toes(is_apart, other, -1.0)
+    put_toes(is_apart, moved, 1.0)
+    at = rows.at_most("relative_reach", len(half_space))
+    rows.put(at[:, None], apart[which], Of("scaled.relative", np.s_[half_space, :3]))
+    rows.right(at, Of("scaled.relative", np.s_[half_space, 3]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arguments import cached_property
-from ..equilibrium.half_spaces import HalfSpaces
 from ..equilibrium.layout import Index, Layout
-from ..equilibrium.scaled import Scaled
+from ..equilibrium.scaled import HalfSpaces, Scaled
 from ..equilibrium.terms import Given
 from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.equilibrium.half_spaces import HalfSpaces
+from stancekit.planners.equilibrium.scaled import HalfSpaces
 from stancekit.planners.robot.outer_sets import (
     OuterSets,
     outer_sets,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.equilibrium.half_spaces import HalfSpaces
+from stancekit.planners.equilibrium.scaled import HalfSpaces
 from stancekit.planners.files.codec import from_json, to_json
 from stancekit.planners.robot.model import Limb, ReachRows, turned_most
 from tests.refusals import refuses
