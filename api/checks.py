@@ -230,8 +230,8 @@ def _check_sequence(
         why: look for the nearest sequence that holds, too.
     """
     from stancekit.planners.formats.motion_file import FileCheck
+    from stancekit.planners.problem.course_terrain import FileTerrain, footholds_for
     from stancekit.planners.problem.sequence import read_sequence
-    from stancekit.planners.problem.terrain_spec import FileTerrain, footholds_for
     from stancekit.planners.robot.robot_file import robot_of
     from stancekit.planners.search.doctor import diagnosed
 

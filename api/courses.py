@@ -19,9 +19,9 @@ from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 from stancekit.planners.files.arrays import Array, checked as checked_number
 from stancekit.planners.files.documents import shown
 from stancekit.planners.leap.method import LeapFinder
-from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.contact import wrench_of
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_keys import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.leap import Leap, is_leap_file
 from stancekit.planners.search.answer import Method, Planner, PlanSettings
 from stancekit.planners.search.methods import PlannerOptions, make_planner, through_verifier

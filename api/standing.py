@@ -139,7 +139,7 @@ def _ground(
     terrain: str | Path, robot: Robot | str | None, meaning: dict[str, object], **how: Any
 ) -> tuple[ImportOptions, Footholds]:
     """How a terrain is read, and its footholds; the file's spacing has another name here."""
-    from stancekit.planners.problem.terrain_spec import footholds_for
+    from stancekit.planners.problem.course_terrain import footholds_for
 
     try:
         options = settings_from(ImportOptions, meaning, beside=_BESIDE)

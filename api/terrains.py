@@ -6,7 +6,7 @@ from pathlib import Path
 
 from stancekit import HeightField, Robot
 from stancekit.planners.arguments import checked, settings_from
-from stancekit.planners.problem.terrain_spec import footholds_for
+from stancekit.planners.problem.course_terrain import footholds_for
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES, Terrain
 from stancekit.planners.terrain.footholds import FRICTION, FootholdLimits, Footholds
 from stancekit.planners.terrain.import_options import ImportOptions

@@ -15,14 +15,14 @@ from _stand_list import Entry, Lines
 
 import stancekit
 from stancekit.planners.errors import StancekitError
-from stancekit.planners.problem.alternatives import (
+from stancekit.planners.problem.course_between import laid_between
+from stancekit.planners.problem.course_keys import (
     ALTERNATIVES,
     AS_ASKED,
     TABLE,
     Alternative,
     Missing,
 )
-from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.search.methods import PlannerOptions, make_planner
 from stancekit.planners.search.plan_course import plan_course
 

@@ -27,7 +27,7 @@ from matplotlib.figure import Figure
 
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.problem.candidates import NoFooting
+from stancekit.planners.problem.contact import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.views.sheet import (

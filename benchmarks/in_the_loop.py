@@ -43,7 +43,7 @@ from stancekit.learners.evaluation.evaluate import Share
 from stancekit.motions import policy_of
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.candidates import NoFooting
+from stancekit.planners.problem.contact import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStage

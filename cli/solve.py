@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from stancekit import Footholds, Problem, Robot
     from stancekit.planners.files.arrays import Array
-    from stancekit.planners.problem.terrain_spec import FileTerrain
+    from stancekit.planners.problem.course_terrain import FileTerrain
     from stancekit.planners.search.answer import Planner
 
 
@@ -118,9 +118,9 @@ class Between:
         Raises InvalidInput.
         """
         from stancekit import Footholds
-        from stancekit.planners.problem.alternatives import AS_ASKED
         from stancekit.planners.problem.course_between import laid_between
         from stancekit.planners.problem.course_file import read_course
+        from stancekit.planners.problem.course_keys import AS_ASKED
 
         with self.in_options():
             question = self.question(name, frames, robot, None)
@@ -177,7 +177,7 @@ class Between:
         """The terrain's file as a description, whose footholds are found when they are asked
         for.
         """
-        from stancekit.planners.problem.terrain_spec import FileTerrain
+        from stancekit.planners.problem.course_terrain import FileTerrain
 
         keys = vars(self.file.asked())
         return FileTerrain(

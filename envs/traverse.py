@@ -24,7 +24,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import checked, checked_int
 from stancekit.planners.files.documents import shown
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.candidates import NoFooting
+from stancekit.planners.problem.contact import NoFooting
 from stancekit.planners.problem.course_file import read_spec, spec_from
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_terrain import FileTerrain

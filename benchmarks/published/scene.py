@@ -21,9 +21,8 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml, validated
-from stancekit.planners.problem.course_terrain import Friction, Length, Point, Positive
+from stancekit.planners.problem.course_terrain import Friction, Length, Point, Positive, SolePoints
 from stancekit.planners.problem.problem import Foothold, Problem, StepLimits, Weights
-from stancekit.planners.problem.terrain_spec import SolePoints
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach_sets import ReachSets, read_reach, same_limb
 from stancekit.planners.robot.robot_file import named_robot

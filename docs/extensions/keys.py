@@ -147,7 +147,7 @@ INTERNAL = {
     "envs.data.ledger:Head": "what headers of data sets share",
     "envs.data.ledger:Tally": "written by the program into shards",
     "runner.worlds.world:SetupFile": "what servo and rosbridge files share",
-    "planners.problem.terrain_spec:TerrainSpec": "what all kinds of terrain share",
+    "planners.problem.course_terrain:TerrainSpec": "what all kinds of terrain share",
 }
 """Models of files that nobody writes by hand, and parts of others, and why the reference leaves
 them out."""

@@ -25,8 +25,7 @@ from ..equilibrium.programs import programs_of_this_thread
 from ..errors import InvalidInput, PlanningFailed
 from ..files.arrays import Array
 from ..motion.leap_motion import body_of
-from ..problem.candidates import CandidatePatches
-from ..problem.contact import Foothold
+from ..problem.contact import CandidatePatches, Foothold
 from ..problem.course_between import LaidBetween
 from ..problem.leap import BodyState, Leap, LeapLimits, Phase
 from ..problem.leap_classes import SPINS

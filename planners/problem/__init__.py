@@ -1,7 +1,7 @@
 """Problems of one key frame or several, their files, and the features that a policy sees of
 them.
 
-Read ``contact`` and ``problem`` (one posture), ``posture``, ``candidates``; then ``course_file``,
+Read ``contact`` and ``problem`` (one posture), ``posture``; then ``course_file``,
 ``guide_path``, ``course_between``, ``course_layout``, ``course_keys`` (a course); ``walk``, ``leap``.
 """
 

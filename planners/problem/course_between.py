@@ -23,14 +23,13 @@ from ..terrain.families import Terrain
 from ..terrain.footholds import Footholds
 from ..terrain.patch import Frame
 from ..terrain.polygon import STEEP, Surface
-from .alternatives import AS_ASKED, Alternative
 from .contact import Weights
-from .course_keys import AS_IT_STANDS, BodySpec, CourseSpec, toe_offset
+from .course_keys import AS_ASKED, AS_IT_STANDS, Alternative, BodySpec, CourseSpec, toe_offset
 from .course_layout import build_course, gait_sets
+from .course_terrain import FileTerrain, footholds_for
 from .guide_path import Footprint, guide_path
 from .passage import Passage, near_of
 from .problem import MOST_FRAMES, Problem, local_origin
-from .terrain_spec import FileTerrain, footholds_for
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets

@@ -18,12 +18,11 @@ from ..plugins import split_name
 from ..robot.model import Robot
 from ..robot.robot_file import robot_numbers
 from ..terrain.families import TERRAIN_FAMILIES, drawn_name
-from .alternatives import AS_ASKED, Alternative
-from .course_keys import MADE_UP, PLAIN, CourseSpec
+from .course_keys import AS_ASKED, MADE_UP, PLAIN, Alternative, CourseSpec
 from .course_layout import build_course
+from .course_terrain import family_keys
 from .posture import FORMAT as POSTURE
 from .problem import Problem
-from .terrain_spec import family_keys
 
 if TYPE_CHECKING:
     from ..robot.reach_sets import Sets

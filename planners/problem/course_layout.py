@@ -16,10 +16,8 @@ from ..files.arrays import Array
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface, sole_offsets, sole_region
-from .alternatives import AS_ASKED, Alternative
-from .candidates import CandidatePatches, NoFooting
-from .contact import at_point
-from .course_keys import CourseSpec, StanceSpec, toe_offset
+from .contact import CandidatePatches, NoFooting, at_point
+from .course_keys import AS_ASKED, Alternative, CourseSpec, StanceSpec, toe_offset
 from .problem import Foothold, Problem, Weights
 
 if TYPE_CHECKING:

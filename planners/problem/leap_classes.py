@@ -22,8 +22,7 @@ from ..robot.walker import leaping_robot, no_motors
 from ..terrain.families import SCENE, Terrain, family_terrain
 from ..terrain.patch import Patch, flat_patches
 from ..terrain.polygon import VOID_M
-from .candidates import CandidatePatches
-from .contact import Foothold
+from .contact import CandidatePatches, Foothold
 from .leap import FORMAT, BodyState, Leap, LeapLimits, Phase
 
 _Range = tuple[float, float]

@@ -21,17 +21,17 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput, NoPlace, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
-from ..problem.alternatives import (
+from ..problem.course_keys import (
     AS_ASKED,
     HIGHER,
     KNEES_BENT,
     LEANING,
+    LEVEL_RAD,
     LOW,
     STRIDES,
     Alternative,
     ordered,
 )
-from ..problem.course_keys import LEVEL_RAD
 from ..problem.posture import TILT_LIMIT_RAD
 from ..projection.centre import at_clear_places, walls_of, with_room_for_legs
 from ..projection.held import PRESSES, PUSHES, pushed

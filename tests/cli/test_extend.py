@@ -15,7 +15,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.formats.question_file import answer_from_json, read_envelopes
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.problem.terrain_spec import family_keys
+from stancekit.planners.problem.course_terrain import family_keys
 from stancekit.planners.search import methods
 from stancekit.planners.terrain.reference import named_terrain
 from stancekit.planners.verify import check_certificate, check_plan

@@ -134,9 +134,9 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "planners.terrain.reference",
         ),
         LATER: (
-            "planners.problem.alternatives",
+            "planners.problem.course_keys",
             "planners.problem.course_between",
-            "planners.problem.terrain_spec",
+            "planners.problem.course_terrain",
             "planners.robot.reach_sets",
             "planners.robot.robot_file",
             "planners.terrain.footholds",

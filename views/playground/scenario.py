@@ -21,10 +21,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import yaml_of
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.alternatives import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_between import LaidBetween, course_between
 from stancekit.planners.problem.course_file import described, spec_from
-from stancekit.planners.problem.course_keys import CourseSpec
+from stancekit.planners.problem.course_keys import ALTERNATIVES, AS_ASKED, Alternative, CourseSpec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.reach_sets import Sets, standing_toes

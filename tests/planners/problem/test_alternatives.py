@@ -13,7 +13,10 @@ import stancekit
 from stancekit import Answer, Group, Motion, Status
 from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.alternatives import (
+from stancekit.planners.problem.contact import CandidatePatches
+from stancekit.planners.problem.course_between import laid_between
+from stancekit.planners.problem.course_file import read_course, read_spec
+from stancekit.planners.problem.course_keys import (
     ALTERNATIVES,
     AS_ASKED,
     HIGHER,
@@ -23,9 +26,6 @@ from stancekit.planners.problem.alternatives import (
     Alternative,
     ordered,
 )
-from stancekit.planners.problem.candidates import CandidatePatches
-from stancekit.planners.problem.course_between import laid_between
-from stancekit.planners.problem.course_file import read_course, read_spec
 from stancekit.planners.problem.guide_path import Overhead
 from stancekit.planners.robot.model import Limb, hexapod
 from stancekit.planners.search.plan_course import plan_course

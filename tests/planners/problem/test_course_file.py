@@ -15,7 +15,7 @@ from hypothesis import given, settings, strategies as st
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.candidates import CandidatePatches
+from stancekit.planners.problem.contact import CandidatePatches
 from stancekit.planners.problem.course_file import (
     builtin_courses,
     read_course,

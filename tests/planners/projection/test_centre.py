@@ -16,8 +16,8 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.scaled import skew
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.alternatives import STRIDES
 from stancekit.planners.problem.course_between import laid_between
+from stancekit.planners.problem.course_keys import STRIDES
 from stancekit.planners.projection.centre import _without, at_clear_places, centred
 from stancekit.planners.robot.inverse_kinematics import descend
 from stancekit.planners.robot.kinematics import Kinematics

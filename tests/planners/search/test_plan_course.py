@@ -18,8 +18,8 @@ import stancekit
 from stancekit import Answer, Motion, Status
 from stancekit.planners.errors import TimeEnded
 from stancekit.planners.problem import Problem
-from stancekit.planners.problem.alternatives import ALTERNATIVES, Alternative
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_keys import ALTERNATIVES, Alternative
 from stancekit.planners.projection.whole_body import WholeBodyLimits
 from stancekit.planners.robot.model import ReachRows, RelativeReach
 from stancekit.planners.robot.walker import sets_of

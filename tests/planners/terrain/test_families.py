@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.problem.candidates import NoFooting
+from stancekit.planners.problem.contact import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.two_stage import TwoStage
