@@ -35,9 +35,8 @@ from stancekit.learners.selectors.genetic import Generation, GeneticSettings, ev
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.envelope import FEASIBLE_MARGIN, Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 
 Problems = tuple[list[Scaled], list[Scaled], Array]
 PLAIN, CACHED = "GA, plain loop", "GA, cached"

@@ -41,11 +41,9 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.project import SURFACE, project
-from stancekit.planners.relaxation.coned import Coned
-from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.envelope import Envelope, RelaxationAnswer, Relaxed, unit_shares
+from stancekit.planners.relaxation.mccormick import Coned, McCormick
 from stancekit.planners.relaxation.papers import coupled, mccormick
-from stancekit.planners.relaxation.relaxed import RelaxationAnswer, Relaxed, unit_shares
 from stancekit.planners.search.answer import Acceptance, Clock, plan_of
 
 CORNERS = 8

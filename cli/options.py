@@ -114,7 +114,7 @@ NAMES = MappingProxyType(
             "stancekit.projections",
             ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
         ),
-        "stancekit.planners.relaxation.relaxed:RELAXATIONS": (
+        "stancekit.planners.relaxation.envelope:RELAXATIONS": (
             "stancekit.relaxations",
             ("p1", "joint", "coned", "lift"),
         ),
@@ -196,7 +196,7 @@ class MethodOptions:
     """Settings of methods, by their names in Python."""
 
     relaxation: Annotated[
-        OptionalText, named("stancekit.planners.relaxation.relaxed:RELAXATIONS")
+        OptionalText, named("stancekit.planners.relaxation.envelope:RELAXATIONS")
     ] = None
     """First stage of two-stage: lift needs nothing learned; p1, the paper's, and coned and joint,
     which are tighter, are over --envelopes; the one that fits unless named."""

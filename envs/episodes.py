@@ -31,8 +31,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.problem.leap import Leap
 from stancekit.planners.problem.walk import Walk
 from stancekit.planners.projection.project import Projection
-from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.relaxed import RelaxationAnswer
+from stancekit.planners.relaxation.envelope import Envelope, RelaxationAnswer
 from stancekit.planners.verify.margins import stance_margins
 from stancekit.planners.verify.stance_margin import compiled
 

@@ -24,8 +24,13 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.formats.question_file import read_envelopes
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
-from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet, expert_envelopes
-from stancekit.planners.relaxation.relaxed import RELAXATIONS, RelaxationAnswer
+from stancekit.planners.relaxation.envelope import (
+    RELAXATIONS,
+    Envelope,
+    EnvelopeSet,
+    RelaxationAnswer,
+    expert_envelopes,
+)
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.verify import check_postures
 from stancekit.runner.control.envelope_choice import Predictor

@@ -12,8 +12,8 @@ import pytest
 import stancekit
 from stancekit.cli import main as command
 from stancekit.planners.answer.report import Group
+from stancekit.planners.relaxation.envelope import RELAXATIONS
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.relaxed import RELAXATIONS
 from stancekit.planners.verify import bodies
 from stancekit.planners.verify.bodies import FURTHER
 from tests.refusals import refuses

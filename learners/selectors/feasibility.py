@@ -27,9 +27,8 @@ from stancekit.planners.equilibrium.programs import Programs, programs_of_this_t
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.envelope import FEASIBLE_MARGIN, DualBound, Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, domain_of, moment_axes
-from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 
 from ..data.executors import Executor, gather
 

@@ -24,8 +24,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.codec import ALL_KEYS
 from stancekit.planners.files.documents import check_fields, typed, validated
-from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, RELAXATIONS
+from stancekit.planners.relaxation.envelope import FEASIBLE_MARGIN, RELAXATIONS, Envelope
 
 from ..training.loop import Checkpoint, Record, StepsDone, run
 from .network import (

@@ -23,9 +23,8 @@ from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import BodyVariables, Forces, FreeToes, Given, Moments, objective
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .envelope import Boxed, Envelope, envelope_rows
+from .envelope import Boxed, Envelope, RelaxationAnswer, Relaxed, envelope_rows, unit_shares
 from .mccormick import margin_gradient
-from .relaxed import RelaxationAnswer, Relaxed, unit_shares
 
 
 class LeastGap:

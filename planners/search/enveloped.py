@@ -40,9 +40,8 @@ from ..relaxation.boxes import (
     composed,
     modes_of_frames,
 )
-from ..relaxation.envelope import Envelope, EnvelopeSet
+from ..relaxation.envelope import Envelope, EnvelopeSet, RelaxationAnswer
 from ..relaxation.mccormick import Axes, McCormick
-from ..relaxation.relaxed import RelaxationAnswer
 from .answer import Acceptance, Clock, Method, kind_of, plan_of
 from .cuts import alone
 

@@ -4,7 +4,7 @@ A posture is relaxed once and put on the bilinear surface; a course over learned
 envelopes chooses patches and boxes on the way (``enveloped``). A course over the lift is tried in
 this order: the nearest patches that have friction; a dive and a branch and
 bound over the choices (``choice``), every node rounded and projected, with cuts in space against
-stances that cannot be held alone (``nogoods``); cuts in space over all frames (``cuts``), where P1
+stances that cannot be held alone (``cuts``); cuts in space over all frames (``cuts``), where P1
 still has points and P2 finds no plan. Feasible with a plan, infeasible with a certificate, or
 undecided at a limit.
 """
@@ -29,10 +29,9 @@ from ..files.arrays import check_numbers
 from ..problem import Problem
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, improved, project
 from ..relaxation.boxes import Modes, StanceBoxes
-from ..relaxation.envelope import EnvelopeSet
+from ..relaxation.envelope import RELAXATIONS, EnvelopeSet, RelaxedProgram
 from ..relaxation.lift import LiftAnswer, as_relaxation, solve_lift
 from ..relaxation.mccormick import McCormick
-from ..relaxation.relaxed import RELAXATIONS, RelaxedProgram
 from .answer import Clock, Kind, Method, kind_of, plan_of
 from .choice import ChoiceSearch
 from .cuts import LEAF, PROVABLE, CutSearch

@@ -21,9 +21,8 @@ from stancekit.planners.equilibrium.rows import EXACT, STATUS
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.projection.held import MOMENT_PRICE, FixForces, FixToes, Linearised
 from stancekit.planners.relaxation import papers
-from stancekit.planners.relaxation.coned import Coned
 from stancekit.planners.relaxation.lift import MARGIN_PRICE, JointRelaxation, LeastGap, LiftProgram
-from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
+from stancekit.planners.relaxation.mccormick import Boxed, Coned, McCormick, WithoutMoment
 from stancekit.planners.relaxation.papers import ContactForces, Model, PlanVariables, Products
 from stancekit.planners.search.micp import Positions
 

@@ -26,9 +26,13 @@ from stancekit.learners.selectors.feasibility import (
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem import Problem
-from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.envelope import (
+    FEASIBLE_MARGIN,
+    DualBound,
+    Envelope,
+    RelaxationAnswer,
+)
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
-from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound, RelaxationAnswer
 from stancekit.planners.robot.model import ReachRows
 
 BOUNDS = {

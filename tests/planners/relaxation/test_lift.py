@@ -20,7 +20,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.boxes import boxes_of, mirrored
-from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.envelope import RELAXATIONS, Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import (
     JointRelaxation,
     LeastGap,
@@ -29,7 +29,6 @@ from stancekit.planners.relaxation.lift import (
     solve_lift,
 )
 from stancekit.planners.relaxation.mccormick import McCormick, WithoutMoment
-from stancekit.planners.relaxation.relaxed import RELAXATIONS
 from stancekit.planners.robot.model import ReachRows
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.cuts import alone

@@ -15,11 +15,15 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.equilibrium.programs import ConicStatus
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.relaxation.coned import Coned
-from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.envelope import (
+    FEASIBLE_MARGIN,
+    RELAXATIONS,
+    Envelope,
+    EnvelopeSet,
+    RelaxationAnswer,
+)
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
-from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, RELAXATIONS, RelaxationAnswer
+from stancekit.planners.relaxation.mccormick import Boxed, Coned, McCormick, WithoutMoment
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.search.methods import TwoStage
 from tests.planners.oracle import OraclePrograms
