@@ -18,7 +18,7 @@ from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.inverse_kinematics import base_of
-from stancekit.planners.robot.meshes import Shape as FileShape, shape_points, thinned_mesh
+from stancekit.planners.robot.meshes import Shape as FileShape, thinned_mesh
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.reach_sets import Workspace
 from stancekit.planners.robot.robot_model import RobotModel
@@ -196,7 +196,7 @@ def _mesh(shape: FileShape) -> Mesh | None:
             if len(mesh.faces):
                 return Mesh(mesh.vertices_m, mesh.faces)
     try:
-        points = shape_points(shape)
+        points = shape.points_m
         return None if points is None else hull(points)
     except QhullError:
         return None

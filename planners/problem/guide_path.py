@@ -130,13 +130,12 @@ class Footprint:
         down = float(np.abs(toes_m[:, 2]).mean())
         points, belly, high, under = [toes_m], -np.inf, _TOP * down, None
         try:
-            from ..robot.bodies import link_shapes
             from ..robot.kinematics import Kinematics
 
             known = Kinematics(robot)
             angles, _, _ = known.solve(np.zeros(3), np.zeros(3), toes_m)
             chains, trunk = known.chains(angles).reshape(-1, 3), np.zeros((0, 3))
-            for shape, corners in link_shapes(known.model)[0]:
+            for shape, corners in known.model.link_shapes[0]:
                 if known.model.mounts[shape.link].leg is None:
                     mount = known.model.mounts[shape.link]
                     at = corners @ shape.rotation.T + shape.origin_m

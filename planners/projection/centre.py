@@ -32,7 +32,7 @@ from ..files.arrays import Array, cross
 from ..motion.joints import STRAY_M, JointPath, joints_along, key_postures
 from ..motion.path import LIFT_M, PathMoments, PlanPath, path_of
 from ..problem import Problem
-from ..robot.bodies import Bodies, link_shapes
+from ..robot.bodies import Bodies
 from ..robot.inverse_kinematics import Near, WholeBody, descend
 from ..robot.kinematics import Kinematics
 from ..robot.leg import rotations_of, turning
@@ -114,7 +114,7 @@ class PathClearance:
         feet = {leg.foot: i for i, leg in enumerate(solver.model.legs)}
         self._no_balls = {
             k: feet[shape.link]
-            for k, (shape, _) in enumerate(link_shapes(solver.model)[0])
+            for k, (shape, _) in enumerate(solver.model.link_shapes[0])
             if shape.link in feet and shape.kind != "sphere"
         }
         """Legs by the number of a shape of their feet that is no ball."""
@@ -664,10 +664,9 @@ def _corners(solver: Kinematics) -> list[tuple[Index, Array]]:
     it is in that joint's frame, shapes (K,) and (K, 3).
     """
     model, result = solver.model, list[tuple[Index, Array]]()
-    shapes = link_shapes(model)[0]
     for i, leg in enumerate(model.legs):
         joints, corners = [np.zeros(0, dtype=int)], [np.zeros((0, 3))]
-        for shape, points in shapes:
+        for shape, points in model.link_shapes[0]:
             mount = model.mounts[shape.link]
             if mount.leg != i:
                 continue

@@ -23,8 +23,7 @@ from .contacts import Bounds, Index, LinksInGround, balls_apart, boxes_apart, fe
 from .inverse_kinematics import Near, Overlap, WholeBody
 from .kinematics import Kinematics
 from .leg import between_rotations
-from .meshes import Shape, shape_points, solid_shapes, unknown_shapes
-from .plausibility import shapeless
+from .meshes import Shape
 from .robot_model import RobotModel
 from .urdf_reader import coal, pinocchio
 
@@ -48,8 +47,6 @@ _POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 _FIRST = 8
 """In one of so many of them most links that are not drawn so are apart."""
-_LONG_M = 0.05
-"""A part of a leg that is longer than this has a shape, or is said to have none [m]."""
 _ALIGNED, _ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
 
@@ -79,7 +76,7 @@ class Bodies:
         self.model = kinematics.model
         known = kinematics.known
         self._terrain = terrain
-        shapes, missing = link_shapes(kinematics.model)
+        shapes, missing = self.model.link_shapes
         self.missing = (*missing, *self.model.gaps)
         self.links = [shape.link for shape, _ in shapes]
         body = pinocchio().FrameType.BODY
@@ -98,7 +95,6 @@ class Bodies:
             for k, (shape, _) in enumerate(shapes)
             if shape.parts_m
         }
-        points = [each for _, each in shapes]
         boxes = np.array([_box(geometry) for geometry in self._geometry]).reshape(-1, 2, 3)
         self._middles, self._halves = boxes[:, 0], boxes[:, 1]
         self._balls = np.array([shape.kind == "sphere" for shape, _ in shapes], dtype=bool)
@@ -122,7 +118,9 @@ class Bodies:
         self._in_ground = (
             None
             if terrain.ground is None
-            else LinksInGround(terrain.ground, points, self._foot, kinematics.radii_m)
+            else LinksInGround(
+                terrain.ground, [each for _, each in shapes], self._foot, kinematics.radii_m
+            )
         )
         disabled = self.model.disabled_pairs
         self._pairs = np.array(
@@ -139,12 +137,8 @@ class Bodies:
             _DRAWN_SO[self.model] = self._always_inside()
         self.drawn_so = _DRAWN_SO[self.model]
         left_out = {frozenset(pair) for pair in self.drawn_so}
-        pairs = [
-            (i, j)
-            for i, j in self._pairs.tolist()
-            if frozenset((self.links[i], self.links[j])) not in left_out
-        ]
-        self._pairs = np.array(pairs, dtype=int).reshape(-1, 2)
+        kept = [frozenset(self.links[k] for k in pair) not in left_out for pair in self._pairs]
+        self._pairs = self._pairs[np.array(kept, dtype=bool)]
 
     def overlaps(
         self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M
@@ -618,8 +612,7 @@ class Bodies:
 
     def _hull(self, points: Array) -> Any:
         corners = self._coal.StdVec_Vec3s()
-        for point in points:
-            corners.append(point)
+        corners.extend(list(points))
         return self._coal.Convex.convexHull(corners, True, "Qt")
 
 
@@ -665,43 +658,3 @@ def _box(geometry: Any) -> tuple[Array, Array]:
     box = geometry.aabb_local
     low, high = np.array(box.min_).ravel(), np.array(box.max_).ravel()
     return 0.5 * (low + high), 0.5 * (high - low)
-
-
-def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
-    """The shapes of a robot's links with points whose hulls they are, and what has no shape, one
-    line each.
-
-    Meshes that cannot be had have none, and long parts of legs that their file gives no shape.
-    """
-    solids, missing = list[tuple[Shape, Array]](), dict[str, list[str]]()
-    for shape in solid_shapes(model.shapes):
-        points = shape_points(shape)
-        if points is not None:
-            solids.append((shape, points))
-        elif shape.link not in missing.setdefault("link|: no mesh", []):
-            missing["link|: no mesh"].append(shape.link)
-    feet = {
-        leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > _LONG_M
-    }
-    mounts = [model.mounts[shape.link] for shape, _ in solids if shape.link not in feet]
-    shaped = {(mount.leg, mount.joint) for mount in mounts}
-    for i, leg in enumerate(model.legs):
-        ends = [*leg.chain.origins[1:], leg.chain.tip_m]
-        bare = [
-            k
-            for k, end in enumerate(ends)
-            if np.linalg.norm(end) > _LONG_M and (i, k) not in shaped
-        ]
-        missing.setdefault("joint|: no shape of what they carry", []).extend(
-            leg.joint_names[k] for k in bare
-        )
-    missing["link|: no shape about its centre of mass"] = shapeless(
-        model.tree, model.shapes, model.mounts
-    )
-    unread = dict.fromkeys(link for link, _ in unknown_shapes(model.tree))
-    missing["link|: a shape that is not known"] = list(unread)
-    lines = [(*key.split("|"), names) for key, names in missing.items() if names]
-    return solids, tuple(
-        f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}"
-        for kind, why, names in lines
-    )

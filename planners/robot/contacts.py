@@ -33,7 +33,7 @@ from ..terrain.obstacles import Ground
 from ..terrain.patch import hull_of
 from .inverse_kinematics import WholeBody
 from .leg import FootSole, Leg, Mount
-from .meshes import Shape, link_points, shape_elements, shape_points, solid_shapes, surface_points
+from .meshes import Shape, link_points, shape_elements, solid_shapes, surface_points
 
 Index = NDArray[np.intp]
 _ON_FACE_M = 1e-9
@@ -204,7 +204,7 @@ def touch_of(pieces: Sequence[_Placed]) -> Touch | None:
         for centre, radius_m in ends:
             far_m = float(np.linalg.norm(centre)) + radius_m
             balls.append((far_m, (shape.link, centre, radius_m, "")))
-        if not ends and (points := shape_points(shape)) is not None:
+        if not ends and (points := shape.points_m) is not None:
             far_m = float(np.linalg.norm(pose[1] + points @ pose[0].T, axis=1).max())
             text = f"touches with a {shape.kind}: say with which point or ball, in a YAML file's contacts:"
             end = pose[1] + pose[0] @ shape.rotation.T @ (shape.far_m - shape.origin_m)
@@ -244,7 +244,7 @@ def sole_of(pieces: Sequence[_Placed], base: Array) -> tuple[FootSole, Array, st
     clouds, owners = [np.zeros((0, 3))], list[str]()
     for shape, (rotation, origin_m), balls in pieces:
         ends = [centre - radius_m * base[:, 2] for centre, radius_m in balls]
-        if not ends and (corners := shape_points(shape)) is not None:
+        if not ends and (corners := shape.points_m) is not None:
             ends = list(origin_m + corners @ rotation.T)
         clouds.append(np.array(ends).reshape(-1, 3))
         owners += [shape.link] * len(ends)
@@ -297,7 +297,7 @@ def is_wheel(pieces: Sequence[_Placed], axis: Array, up: Array) -> bool:
         return False
     ends = [np.zeros((0, 3))]
     for shape, (rotation, origin_m), _ in pieces:
-        if (corners := shape_points(shape)) is not None:
+        if (corners := shape.points_m) is not None:
             ends.append(origin_m + corners @ rotation.T)
     points = np.vstack(ends)
     turn = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)[:, None]

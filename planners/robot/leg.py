@@ -33,7 +33,15 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, check_numbers, checked, collect_errors, cross, read_only
+from ..files.arrays import (
+    Array,
+    cached_arrays,
+    check_numbers,
+    checked,
+    collect_errors,
+    cross,
+    read_only,
+)
 from ..files.codec import LATER, Within, check_limits
 from ..files.documents import Strict, parse_yaml, read_json, read_yaml, shown, validated
 from ..terrain.polygon import checked_sole, half_planes
@@ -465,7 +473,7 @@ class Leg:
         """p_BH, the first joint's origin in the base's frame, shape (3,) [m]."""
         return np.asarray(self.chain.origins[0])
 
-    @property
+    @cached_arrays
     def nominal_m(self) -> Array:
         """p_BF in the standing posture, shape (3,) [m]."""
         return np.asarray(self.chain.feet(self.stance_rad[None])[0])

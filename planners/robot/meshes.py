@@ -17,8 +17,9 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, archive_of, read_archive, read_only
+from ..files.arrays import Array, archive_of, locked, read_archive, read_only
 from ..files.documents import read_bytes, shown
 from ..files.writing import cache_folder, write_bytes
 from ..terrain.mesh_formats.numbers import MOST_BYTES
@@ -68,6 +69,13 @@ class Shape:
         if self.corners_m is not None:
             corners = read_only(self.corners_m, (None, 3), f"link {shown(self.link)}: hull")
             object.__setattr__(self, "corners_m", corners)
+
+    @cached_property
+    def points_m(self) -> Array | None:
+        """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh
+        without a hull.
+        """
+        return self.corners_m if self.kind == "mesh" else locked(_points_of(self.kind, self.size_m))
 
     @property
     def far_m(self) -> Array:
@@ -283,31 +291,25 @@ def solid_shapes(shapes: Sequence[Shape]) -> list[Shape]:
     return [shape for shape in shapes if shape.collides or shape.link not in bodies]
 
 
-def shape_points(shape: Shape) -> Array | None:
-    """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh without a
-    hull.
-    """
-    if shape.kind == "box":
-        return np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size_m
-    if shape.kind == "mesh":
-        return shape.corners_m
-    radius = float(shape.size_m[0])
-    half = 0.5 * float(shape.size_m[1]) if len(shape.size_m) > 1 else 0.0
+def _points_of(kind: Kind, size_m: Array) -> Array:
+    """Points whose hull is a shape that is no mesh, shape (K, 3) [m]."""
+    if kind == "box":
+        return np.asarray(np.array(list(product((-0.5, 0.5), repeat=3))) * size_m)
+    radius = float(size_m[0])
+    half = 0.5 * float(size_m[1]) if len(size_m) > 1 else 0.0
     turn = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
     rim = radius * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(_CORNERS)])
-    if shape.kind == "cylinder":
+    if kind == "cylinder":
         return np.vstack([rim + np.array([0.0, 0.0, end]) for end in (-half, half)])
-    rings = [
-        rim * [np.cos(angle), np.cos(angle), 0.0]
-        + np.array([0.0, 0.0, radius * np.sin(angle) + np.sign(angle) * half])
-        for angle in np.linspace(-0.5 * np.pi, 0.5 * np.pi, _RINGS)
-    ]
-    return np.vstack(rings)
+    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, _RINGS)
+    rings = np.cos(angle)[:, None, None] * rim
+    rings[..., 2] += (radius * np.sin(angle) + np.sign(angle) * half)[:, None]
+    return rings.reshape(-1, 3)
 
 
 def link_points(shape: Shape) -> Array | None:
-    """``shape_points`` in the link's frame."""
-    points = shape_points(shape)
+    """``Shape.points_m`` in the link's frame."""
+    points = shape.points_m
     return None if points is None else np.asarray(shape.origin_m + points @ shape.rotation.T)
 
 

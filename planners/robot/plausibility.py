@@ -17,9 +17,11 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import shown
 from .leg import Leg, Mount
-from .meshes import Shape, link_points, pose_of, shape_points, unknown_shapes
+from .meshes import Shape, link_points, pose_of, unknown_shapes
 from .urdf_reader import number_in
 
+Inertias = Mapping[str, tuple[float, Array, Array]]
+"""By link: ``link_inertia``."""
 _Doubt = tuple[str, str]
 """Of what, e.g. ``link trunk``, and what is hard to believe of it."""
 _ROUNDED, _ROUNDED_KGM2 = 0.05, 4e-6
@@ -80,18 +82,26 @@ def link_inertia(link: Element) -> tuple[float, Array, Array]:
     return mass, pose_of(inertial.find("origin"), where)[1], moments
 
 
-def body_doubts(
-    root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
-) -> Iterator[_Doubt]:
-    """Doubts about the masses of a robot's links.
+def inertias_of(root: Element) -> Inertias:
+    """Mass, centre and principal moments of every link.
 
     Raises InvalidInput as ``link_inertia`` does.
     """
+    return {link.get("name", ""): link_inertia(link) for link in root.findall("link")}
+
+
+def body_doubts(
+    root: Element,
+    inertias: Inertias,
+    legs: Sequence[Leg],
+    shapes: Sequence[Shape],
+    mounts: Mapping[str, Mount],
+) -> Iterator[_Doubt]:
+    """Doubts about the masses of a robot's links."""
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
     masses = dict[tuple[int | None, int], float]()
-    links = [(link.get("name", ""), *link_inertia(link)) for link in root.findall("link")]
-    slight = _SLIGHT * sum(mass for _, mass, *_ in links) * reach**2
-    for name, mass, centre, moments in links:
+    slight = _SLIGHT * sum(mass for mass, *_ in inertias.values()) * reach**2
+    for name, (mass, centre, moments) in inertias.items():
         if (mount := mounts.get(name)) is not None:
             masses[mount.leg, mount.joint] = masses.get((mount.leg, mount.joint), 0.0) + mass
         if why := _inertia_doubt(mass, moments, _size_m(name, centre, shapes, reach), slight):
@@ -107,11 +117,10 @@ def body_doubts(
                 yield f"link {name}", "weighs nothing"
 
 
-def foot_doubts(root: Element, legs: Sequence[Leg]) -> Iterator[_Doubt]:
+def foot_doubts(inertias: Inertias, legs: Sequence[Leg]) -> Iterator[_Doubt]:
     """Links that are feet and have no mass of their own."""
-    links = {link.get("name", ""): link for link in root.findall("link")}
     for leg in legs:
-        if leg.foot not in links or link_inertia(links[leg.foot])[0] <= 0.0:
+        if leg.foot not in inertias or inertias[leg.foot][0] <= 0.0:
             yield f"link {leg.foot}", "a foot without a mass"
 
 
@@ -130,32 +139,30 @@ def unknown_doubts(root: Element) -> Iterator[_Doubt]:
 
 
 def shape_doubts(
-    root: Element, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
+    inertias: Inertias, legs: Sequence[Leg], shapes: Sequence[Shape], mounts: Mapping[str, Mount]
 ) -> Iterator[_Doubt]:
     """Doubts that keep nothing from being simulated: a trunk without a shape, shapes in other
     units, and a moment of inertia of 0 beside others.
     """
     reach = max((leg.chain.length_m for leg in legs), default=1.0)
-    for name in shapeless(root, shapes, mounts):
+    for name in shapeless(inertias, shapes, mounts):
         yield f"link {name}", _NO_SHAPE
     for shape in shapes:
-        points = shape_points(shape)
-        size = 0.0 if points is None else float(np.ptp(points, axis=0).max())
+        size = 0.0 if shape.points_m is None else float(np.ptp(shape.points_m, axis=0).max())
         if size > _VAST * reach:
             yield f"link {shape.link}", f"a shape of {size:.3g} m: other units?"
-    links = [(link, *link_inertia(link)) for link in root.findall("link")]
-    total = sum(mass for _, mass, *_ in links)
-    for link, mass, _, (small, middle, large) in links:
+    total = sum(mass for mass, *_ in inertias.values())
+    for link, (mass, _, (small, middle, large)) in inertias.items():
         densest = 0.4 * mass * (0.75 * max(mass, 0.0) / (np.pi * _OSMIUM_KG_M3)) ** (2 / 3)
         if large < 0.1 * densest and mass > _LEAST_SHARE * total:
             yield (
-                f"link {link.get('name')}",
+                f"link {link}",
                 f"a moment of inertia of {large:.3g} kg m² of {mass:.3g} kg: denser than any body",
             )
         flat = large > middle + _ROUNDED * large  # a rod has two moments that are the same
         if mass > 0.0 and small <= 0.0 and large > _ROUNDED_KGM2 and flat:
             yield (
-                f"link {link.get('name')}",
+                f"link {link}",
                 f"a moment of inertia of {small:.3g} kg m² beside others",
             )
 
@@ -194,21 +201,22 @@ def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -
     return float(np.linalg.norm(np.vstack(points) - centre, axis=1).max())
 
 
-def shapeless(root: Element, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> list[str]:
+def shapeless(
+    inertias: Inertias, shapes: Sequence[Shape], mounts: Mapping[str, Mount]
+) -> list[str]:
     """Links of the trunk that nothing can touch: the first where none has a shape, or those of some
     weight whose centre is in no other link's.
     """
     solid = [shape for shape in shapes if (at := mounts.get(shape.link)) and at.leg is None]
     if not solid:
         return [_first(mounts, None, -1)]
-    masses = {link.get("name", ""): link_inertia(link) for link in root.findall("link")}
-    least = _SHAPED_SHARE * sum(mass for mass, *_ in masses.values())
-    heavy = [name for name, (mass, *_) in masses.items() if mass > least and name in mounts]
+    least = _SHAPED_SHARE * sum(mass for mass, *_ in inertias.values())
+    heavy = [name for name, (mass, *_) in inertias.items() if mass > least and name in mounts]
     return [
         name
         for name in heavy
         if mounts[name].leg is None
-        for place in [mounts[name].placed(masses[name][1])]
+        for place in [mounts[name].placed(inertias[name][1])]
         if not any(_within(shape, mounts[shape.link], place) for shape in solid)
     ]
 
@@ -229,15 +237,11 @@ def _first(mounts: Mapping[str, Mount], leg: int | None, joint: int) -> str:
     )
 
 
-def wrong_links(root: Element) -> str:
+def wrong_links(inertias: Inertias) -> str:
     """The links whose mass or inertia no body has, and why, in one line; empty where there is
     none.
     """
-    whys = [
-        (link.get("name", ""), impossible(mass, moments))
-        for link in root.findall("link")
-        for mass, _, moments in [link_inertia(link)]
-    ]
+    whys = [(name, impossible(mass, moments)) for name, (mass, _, moments) in inertias.items()]
     return "; ".join(f"link {shown(name)}: {why}" for name, why in whys if why)
 
 

@@ -28,14 +28,24 @@ from .hulls import with_hulls, with_known_hulls, with_same_hulls
 from .inverse_kinematics import REACHED_M, descend
 from .leg import FootContact, Leg, Mount, Servo
 from .leg_search import Found, Waist, legs_of
-from .meshes import Shape, disabled_pairs, remove_empty_shapes, shapes_of
+from .meshes import (
+    Shape,
+    disabled_pairs,
+    remove_empty_shapes,
+    shapes_of,
+    solid_shapes,
+    unknown_shapes,
+)
 from .plausibility import (
+    Inertias,
     body_doubts,
     foot_doubts,
+    inertias_of,
     leg_doubts,
     rest_angles,
     rest_gaps,
     shape_doubts,
+    shapeless,
     unknown_doubts,
     wrong_links,
 )
@@ -59,6 +69,8 @@ from .urdf_reader import (
 if TYPE_CHECKING:
     from .mjcf import Mjcf
 
+_LONG_M = 0.05
+"""A part of a leg that is longer than this has a shape, or is said to have none [m]."""
 _DROP = 0.75
 """Share of how far below its hip a foot can be, at which it stands."""
 _SAMPLES = 4000
@@ -218,6 +230,10 @@ def resisting_nm(damping_nms_rad: Array, friction_nm: Array, rates_rad_s: Array)
     return np.asarray(damping_nms_rad * rates_rad_s + slowed)
 
 
+_OF_URDF = ("tree", "built", "inertias")
+"""What a model holds that follows from its URDF alone."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotModel:
     """A legged robot.
@@ -252,7 +268,7 @@ class RobotModel:
     servo: Servo | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in vars(self).items() if name not in ("tree", "built")}
+        return {name: value for name, value in vars(self).items() if name not in _OF_URDF}
 
     def changed(self, **fields: Any) -> RobotModel:
         """The model with other values of some fields, and with what was parsed and built of the
@@ -260,9 +276,7 @@ class RobotModel:
         """
         made = replace(self, **fields)
         if made.urdf is self.urdf:
-            vars(made).update(
-                {name: vars(self)[name] for name in ("tree", "built") if name in vars(self)}
-            )
+            vars(made).update({name: vars(self)[name] for name in _OF_URDF if name in vars(self)})
         return made
 
     @cached_property
@@ -274,6 +288,53 @@ class RobotModel:
     def built(self) -> Any:
         """pinocchio's model of it on a free-flying base, made once; who changes it takes a copy."""
         return built(self.urdf, self.name)
+
+    @cached_property
+    def inertias(self) -> Inertias:
+        """Mass, centre and principal moments of every link."""
+        return inertias_of(self.tree)
+
+    @cached_property
+    def link_shapes(self) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
+        """The shapes of its links with points whose hulls they are, and what has no shape, one
+        line each.
+
+        Meshes that cannot be had have none, and long parts of legs that their file gives no shape.
+        """
+        solids, missing = list[tuple[Shape, Array]](), dict[str, list[str]]()
+        for shape in solid_shapes(self.shapes):
+            if shape.points_m is not None:
+                solids.append((shape, shape.points_m))
+            elif shape.link not in missing.setdefault("link|: no mesh", []):
+                missing["link|: no mesh"].append(shape.link)
+        feet = {
+            leg.foot
+            for leg in self.legs
+            if np.linalg.norm(self.mounts[leg.foot].origin_m) > _LONG_M
+        }
+        shaped = {
+            (mount.leg, mount.joint)
+            for shape, _ in solids
+            if shape.link not in feet
+            for mount in [self.mounts[shape.link]]
+        }
+        for i, leg in enumerate(self.legs):
+            ends = [*leg.chain.origins[1:], leg.chain.tip_m]
+            missing.setdefault("joint|: no shape of what they carry", []).extend(
+                leg.joint_names[k]
+                for k, end in enumerate(ends)
+                if np.linalg.norm(end) > _LONG_M and (i, k) not in shaped
+            )
+        missing["link|: no shape about its centre of mass"] = shapeless(
+            self.inertias, self.shapes, self.mounts
+        )
+        unread = dict.fromkeys(link for link, _ in unknown_shapes(self.tree))
+        missing["link|: a shape that is not known"] = list(unread)
+        lines = [(*key.split("|"), names) for key, names in missing.items() if names]
+        return solids, tuple(
+            f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}"
+            for kind, why, names in lines
+        )
 
     @property
     def size(self) -> float:
@@ -511,8 +572,9 @@ def model_of(
     doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     unsaid = f"no velocity limit, taken for {GUESSED_RAD_S:g} rad/s, not for leaps"
     doubts += [(f"joint {name}", unsaid) for name in speed_doubts(root) if name in moved]
-    doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
-    doubts += [*shape_doubts(root, legs, shapes, mounts), *unknown_doubts(root)]
+    inertias = inertias_of(root)
+    doubts += [*body_doubts(root, inertias, legs, shapes, mounts), *foot_doubts(inertias, legs)]
+    doubts += [*shape_doubts(inertias, legs, shapes, mounts), *unknown_doubts(root)]
     doubts += [(f"link {each}", "a shape of no size, which is left out") for each in empty]
     made = RobotModel(
         name=called,
@@ -529,7 +591,7 @@ def model_of(
         doubts=(*gaps, *_joined(doubts)),
     )
     if not balls:
-        vars(made).update(tree=root, built=model)
+        vars(made).update(tree=root, built=model, inertias=inertias)
     return made
 
 
@@ -695,7 +757,7 @@ def _weighed(model: Any, legs: Sequence[Leg], root: Element) -> tuple[float, Arr
     mass, inertia, com = float(data.Ig.mass), np.array(data.Ig.inertia), np.array(data.com[0])
     sound = bool(np.isfinite([mass, *com, *inertia.ravel()]).all())
     if not sound or not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
-        wrong = wrong_links(root)
+        wrong = wrong_links(inertias_of(root))
         raise InvalidInput(
             f"expected links with mass and inertia, got {mass:g} kg in "
             f"all{wrong and ': '}{wrong:.300}"

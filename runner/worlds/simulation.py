@@ -22,7 +22,7 @@ from stancekit.planners.physics import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import Actuators, Leg
 from stancekit.planners.robot.meshes import Shape, pose_of, shape_elements, write_pose
-from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, link_inertia
+from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, inertias_of
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import RobotModel
 
@@ -268,11 +268,12 @@ def _check_weights(root: Element, model: RobotModel) -> None:
     """Raise InvalidInput, with the link, for masses and inertias that no robot has: that is not the
     robot then.
     """
-    for link, why in body_doubts(root, model.legs, model.shapes, model.mounts):
+    inertias = inertias_of(root)
+    for link, why in body_doubts(root, inertias, model.legs, model.shapes, model.mounts):
         raise InvalidInput(
             f"robot {model.name}: {link}: expected what a body can weigh, got: {why}"
         )
-    total = sum(link_inertia(link)[0] for link in root.findall("link"))
+    total = sum(mass for mass, *_ in inertias.values())
     if abs(total - model.mass_kg) > _SPECK * model.mass_kg:
         raise InvalidInput(
             f"robot {model.name}: expected links of {model.mass_kg:.6g} kg in all, as it was "

@@ -25,7 +25,7 @@ from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies, link_shapes
+from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies
 from stancekit.planners.robot.inverse_kinematics import Overlap, WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
 from tests.planners.robot.link_frames import link_frames
@@ -365,7 +365,7 @@ def test_shapes_are_where_pinocchio_places_their_links(tmp_path: Path) -> None:
         turns, origins = made._placed(angles)
         for row, own in enumerate(angles):
             pin.framesForwardKinematics(known, data, solver.configuration(own))
-            for k, (each, _) in enumerate(link_shapes(made.model)[0]):
+            for k, (each, _) in enumerate(made.model.link_shapes[0]):
                 frame = data.oMf[known.getFrameId(each.link, pin.FrameType.BODY)]
                 there = data.oMi[1].actInv(frame)
                 np.testing.assert_allclose(turns[row, k], there.rotation @ each.rotation, atol=1e-9)

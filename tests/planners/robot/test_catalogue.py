@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from stancekit.planners.robot import robot_file as module
-from stancekit.planners.robot.bodies import link_shapes
 from stancekit.planners.robot.robot_file import (
     PROVIDERS,
     as_they_come,
@@ -56,7 +55,7 @@ def test_a_robot_stands_on_the_feet_of_its_file_with_a_torque_limit_at_every_joi
     assert all(0.0 < joint.torque_nm < 500.0 for leg in model.legs for joint in leg.joints)
     assert len({round(float(leg.nominal_m[2]), 2) for leg in model.legs}) == 1  # it stands level
     model.check_known()  # plans are made for it: what it touches with is known, where its feet are no balls, too
-    assert link_shapes(model)[1] == ()  # and all of its links are judged
+    assert model.link_shapes[1] == ()  # and all of its links are judged
 
 
 def test_a_walk_takes_the_same_name() -> None:

@@ -38,7 +38,7 @@ from tests.planners.robot.made_robots import (
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.bodies import Bodies, link_shapes
+from stancekit.planners.robot.bodies import Bodies
 from stancekit.planners.robot.inverse_kinematics import WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
 from tests.refusals import refuses
@@ -243,7 +243,7 @@ def test_what_was_not_looked_at_is_a_doubt(
 ) -> None:
     model = model_of(quadruped().replace(there, instead, 1), where="made")
     assert line in said(model)
-    assert any(unseen in each for each in link_shapes(model)[1]) == bool(unseen)
+    assert any(unseen in each for each in model.link_shapes[1]) == bool(unseen)
 
 
 @pytest.mark.parametrize("ends", [("LF_foot", "LF_hip"), ("LF_foot", "trunk"), ("a", "a")])
