@@ -21,7 +21,7 @@ from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.files.documents import read_json, shown
 from stancekit.planners.terrain.import_options import ImportOptions, check_unasked, doubt, doubts
 from stancekit.planners.terrain.obstacles import Ground
-from stancekit.planners.verify import check_certificate, check_plan, explain
+from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.judge import TOLERANCE
 
 if TYPE_CHECKING:
@@ -83,15 +83,19 @@ def check_file(
     """
     from stancekit.planners.formats import motion_file
     from stancekit.planners.formats.table_file import is_table
-    from stancekit.planners.problem.sequence import is_sequence  # and courses with it
 
     data = read_json(path) if Path(path).suffix == ".json" else None
     limited = tolerance != TOLERANCE
     if terrain is None or Path(terrain).suffix == ".json":
         check_unasked(options, str(terrain or path))
-    if data is None and is_sequence(path):
-        check_unused("a sequence", tolerance=limited, course=course, exact=exact, margins=margins)
-        return _check_sequence(Path(path), robot, terrain, options, why)
+    if data is None:
+        from stancekit.planners.problem.sequence import is_sequence  # and courses with it
+
+        if is_sequence(path):
+            check_unused(
+                "a sequence", tolerance=limited, course=course, exact=exact, margins=margins
+            )
+            return _check_sequence(Path(path), robot, terrain, options, why)
     if is_table(path, data):
         check_unused("a motion", tolerance=limited, explain=why, exact=exact, margins=margins)
         return _check_motion(Path(path), robot, course, terrain, options)
@@ -347,6 +351,8 @@ def _verdict(problem: Problem, claim: Any, tolerance: float, why: bool) -> dict[
         }
     if answer is None:
         return {"verdict": "unclaimed", "message": f"the answer is {status}: nothing to check"}
+    from stancekit.planners.verify import check_certificate, explain  # of proofs alone
+
     proof = check_certificate(answer)
     reason = f"; {explain(answer).message}" if why and proof.accepted else ""
     return {

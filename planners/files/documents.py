@@ -26,94 +26,17 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 from xml.parsers.expat import ExpatError, ParserCreate
 
-import yaml
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create_model
 
 from ..errors import InvalidInput, require
 
-_Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-
-
-_NULL = "expected texts without null bytes, which no name and no path has, got one"
-
-
-def _check_growth(text: str, deepest: int, most: int) -> None:
-    """Raise InvalidInput where the document is too deep or holds too many values once its aliases
-    are replaced.
-    """
-    count, sizes = 0, dict[str, tuple[int, int]]()  # values and depth of what an anchor stands for
-    stack = list[tuple[str | None, int]]()
-    depths = [0]  # below each open collection
-    for event in yaml.parse(text, Loader=_Parser):
-        depth = 0
-        if isinstance(event, yaml.AliasEvent):
-            if event.anchor not in sizes:
-                raise InvalidInput(f"expected an anchor before its alias, got *{event.anchor}")
-            size, depth = sizes[event.anchor]
-            count += size
-        elif isinstance(event, yaml.ScalarEvent):
-            count += 1
-            if "\0" in event.value:
-                raise InvalidInput(_NULL)
-            if event.anchor is not None:
-                sizes[event.anchor] = 1, 0
-        elif isinstance(event, yaml.CollectionStartEvent):
-            stack.append((event.anchor, count))
-            depths.append(0)
-            count += 1
-            if event.anchor is not None:
-                sizes.pop(event.anchor, None)
-        elif isinstance(event, yaml.CollectionEndEvent):
-            (anchor, begun), depth = stack.pop(), depths.pop() + 1
-            if anchor is not None:
-                sizes[anchor] = count - begun, depth
-        depths[-1] = max(depths[-1], depth)
-        if len(stack) + depths[-1] > deepest:
-            raise InvalidInput(f"expected {deepest} levels of nesting or fewer, got more")
-        if count > most:
-            raise InvalidInput(f"expected {most} values or fewer, aliases replaced, got more")
+NULL = "expected texts without null bytes, which no name and no path has, got one"
 
 
 class Strict:
     """Base of data classes that files are read as: a key that is no field is refused."""
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
-
-
-class _Once(_Parser):  # type: ignore[misc]
-    """Refuses a key that is there twice."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen = set[Any]()
-        for key, _ in node.value:
-            if key.tag == "tag:yaml.org,2002:merge":
-                continue
-            name = (
-                self.construct_object(key, deep=True) if isinstance(key, yaml.ScalarNode) else None
-            )
-            if name is None:
-                raise yaml.constructor.ConstructorError(
-                    None, None, "expected texts as keys", key.start_mark
-                )
-            if name in seen:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"{name}: expected this key once", key.start_mark
-                )
-            seen.add(name)
-        mapping: dict[Any, Any] = super().construct_mapping(node, deep=deep)
-        return mapping
-
-
-class _Quoting(yaml.SafeDumper):
-    """Quotes texts that are numbers to the reader."""
-
-
-for _class in (_Once, _Quoting):
-    _class.add_implicit_resolver(  # 1e-3 is a number, as in YAML 1.2
-        "tag:yaml.org,2002:float",
-        re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$"),
-        list("+-.0123456789"),
-    )
 
 
 def yaml_of(data: Any, *, flow: bool | None = None, width: int = 110) -> str:
@@ -123,7 +46,11 @@ def yaml_of(data: Any, *, flow: bool | None = None, width: int = 110) -> str:
         flow: None for lists and mappings without others in them on one line each, False for none.
         width: letters of a line.
     """
-    return yaml.dump(data, Dumper=_Quoting, sort_keys=False, default_flow_style=flow, width=width)
+    import yaml  # few files are YAML
+
+    from .yaml_text import Quoting
+
+    return yaml.dump(data, Dumper=Quoting, sort_keys=False, default_flow_style=flow, width=width)
 
 
 _MOST_ERRORS = 20
@@ -512,7 +439,7 @@ def parse_json(text: str, where: str) -> Any:
     try:
         value = json.loads(text, object_pairs_hook=_object, parse_constant=_no_number)
         _check_depth(value)
-        require(not re.search(r"(?<!\\)(\\\\)*\\u0000", text), _NULL)
+        require(not re.search(r"(?<!\\)(\\\\)*\\u0000", text), NULL)
         if "\\ud" in text or "\\uD" in text:
             json.dumps(value, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
@@ -553,10 +480,13 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
         len(text) <= _MOST_YAML_BYTES,
         f"{where}: expected {_MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}",
     )
+    import yaml  # few files are YAML
+
+    from .yaml_text import Once, check_growth
 
     try:
-        _check_growth(text, DEEPEST, MOST_YAML_VALUES)
-        data = yaml.load(text, Loader=_Once)
+        check_growth(text, DEEPEST, MOST_YAML_VALUES)
+        data = yaml.load(text, Loader=Once)
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     except Exception as error:  # PyYAML's constructors raise whatever struck them

@@ -11,14 +11,15 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, create_model
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from ..answer.certificate import Certificate, Way
 from ..answer.motion import LATER, Evidence, Motion, seal
@@ -35,8 +36,7 @@ from ..problem.leap import FORMAT as LEAP, Leap
 from ..problem.passage import Passage
 from ..problem.posture import FORMAT as POSTURE
 from ..robot.robot_file import named_robot, robot_numbers
-from ..search.pieces import beginning, course_window
-from ..verify import check_plan, explain
+from ..verify import check_plan
 from ..verify.judge import judge
 
 FORMAT = "stancekit/motion/1"
@@ -75,18 +75,19 @@ _OF_WALK: dict[str, Any] = {
     **{each.name: (_IN_JSON[str(each.type)], ...) for each in fields(WalkQuestion)},
     "doubts": (list[str], []),
 }
-_WalkKeys = create_model(
-    "_WalkKeys",
-    __config__=ConfigDict(extra="forbid", strict=True, defer_build=True),
-    **_OF_WALK,
-)
-"""The question of a walk, but for the heights of its terrain."""
+
+
+@cache
+def _walk_keys() -> type[BaseModel]:
+    """The question of a walk, but for the heights of its terrain."""
+    keys = ConfigDict(extra="forbid", strict=True, defer_build=True)
+    return cast(type[BaseModel], create_model("_WalkKeys", __config__=keys, **_OF_WALK))
 
 
 def _walk(data: Any, where: str, arrays: dict[str, NDArray[Any]]) -> dict[str, Any]:
     from ..terrain.heightfield import HeightField  # loads splines
 
-    asked = dict(validated(_WalkKeys, data, where))
+    asked = dict(validated(_walk_keys(), data, where))
     del asked["format"]
     ground = {name: arrays.pop(name) for name in _GROUND if name in arrays}
     with located(place := f"{where.removesuffix('question')}columns"):
@@ -469,6 +470,8 @@ def check_file(
 
 def _check_proof(path: str, certificate: Certificate, why: bool) -> FileCheck:
     """The verdict on a proof in a file, and its reason."""
+    from ..verify import explain  # of proofs alone
+
     report, problem = judge(certificate), certificate.refuted
     if isinstance(problem, Leap):
         reason = f"; {explain(certificate).message}" if why and report.accepted else ""
@@ -547,6 +550,8 @@ class PartialPlan:
         """The plan of the course's beginning that an earlier run left; None where there is none."""
         if self._path is None or not self._path.exists():
             return None
+        from ..search.pieces import beginning  # of plans that are written as they are made
+
         with suppress(InvalidInput):
             plan, _ = read_motion(self._path)
             last = 0 if plan.joints_rad is None else _shared(course, plan.problem)
@@ -570,6 +575,7 @@ class PartialPlan:
 
 def _shared(course: Problem, other: Problem) -> int:
     """The last key frame up to which two courses are one; 0 where they begin otherwise."""
+    from ..search.pieces import course_window
 
     def same(last: int) -> bool:
         one, two = (json.dumps(course_window(each, 0, last).to_json()) for each in (course, other))

@@ -50,8 +50,7 @@ def crossing_motion(crossing: Motion[Way], climbs: Sequence[Played] | None = Non
     def of(k: int, within_s: Array, time_s: Array) -> Samples:
         """The samples of a part at times of its own, by the numbers of the whole."""
         sample = parts[k].at(within_s)
-        held = numbers[k][np.maximum(sample.foothold, 0)]
-        foothold = np.where(sample.foothold >= 0, held, -1)
+        foothold = np.where(sample.foothold >= 0, numbers[k][np.maximum(sample.foothold, 0)], -1)
         return replace(sample, foothold=foothold, frame=np.clip(time_s, 0.0, ends[-1]))
 
     def blended(k: int, when: Array) -> Samples:

@@ -187,8 +187,7 @@ class LeapBody:
     def _flight(self, limb: int, rows: NDArray[np.int_]) -> tuple[int, int]:
         """At which ends of intervals a limb leaves and lands."""
         air = self._holds[:, limb] < 0
-        k = int(self._k[rows[min(1, len(rows) - 1)]])
-        first = last = k
+        first = last = int(self._k[rows[min(1, len(rows) - 1)]])
         while first > 0 and air[first - 1]:
             first -= 1
         while last + 1 < len(air) and air[last + 1]:
@@ -314,8 +313,7 @@ def feet_of_leap(plan: LeapPlan) -> Played:
         first, second = from_body[left[k], legs, 0], from_body[lands[k], legs, 1]
         aside = first + share[..., None] * (second - first)
         flying = com[..., None, :] + np.einsum("...ij,...nj->...ni", rotations_of(rotation), aside)
-        on = plan.toes_m[np.maximum(holds[k], 0)]
-        return np.where((holds[k] >= 0)[..., None], on, flying)
+        return np.where((holds[k] >= 0)[..., None], plan.toes_m[np.maximum(holds[k], 0)], flying)
 
     def at(times_s: float | Array) -> Samples:
         when = np.clip(np.asarray(times_s, dtype=np.float64), ends[0], ends[-1])

@@ -118,8 +118,7 @@ def plan_motion(
                 friction=of["friction"][phase],
             )
 
-        parts = np.arange(KNOTS) / KNOTS
-        begun = (ends - seconds)[:, None] + parts * seconds[:, None]
+        begun = (ends - seconds)[:, None] + (np.arange(KNOTS) / KNOTS) * seconds[:, None]
         return Played(
             at=at,
             knots_s=np.append(begun, ends[-1]),

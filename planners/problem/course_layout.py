@@ -135,8 +135,7 @@ def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
         return spec
     start = np.array([*spec.start_m, 0.0])
     toes = [start + limb.shoulder_m + toe_offset(limb, spec.stance) for limb in robot.limbs]
-    path = np.array([(*spec.start_m, spec.goal_m[2]), spec.goal_m])
-    terrain = spec.terrain.along(path, folder)
+    terrain = spec.terrain.along(np.array([(*spec.start_m, spec.goal_m[2]), spec.goal_m]), folder)
     grounds = [Surface(patch, 0.0) for _, patch in terrain.standing if patch.normal[2] >= STEEP]
     heights = []
     for limb, toe in zip(robot.limbs, toes, strict=True):

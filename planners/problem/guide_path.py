@@ -728,8 +728,7 @@ class _Lattice:
             return head
         node = next((each for each in through if not free.ravel()[each]), None)
         if node is None:  # heights alone: a slope or a step between places that can be stood at
-            rises = np.abs(np.diff(known.ravel()[through]))
-            node = through[int(rises.argmax())]
+            node = through[int(np.abs(np.diff(known.ravel()[through])).argmax())]
             place = self._point(node)[:2]
             return f"{head}: a step or slope of more than 45 degrees at {_at(place)}"
         i, j = np.unravel_index(node, free.shape)

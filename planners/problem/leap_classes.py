@@ -373,8 +373,7 @@ def leap_to_json(leap: Leap) -> dict[str, Any]:
         for one in leap.footholds
     )
     same = {f.name: getattr(leap, f.name) for f in fields(_LeapKeys)}
-    keys = _LeapKeys(**{**same, "footholds": footholds})
-    return fields_to_json(keys) | {"robot": robot}
+    return fields_to_json(_LeapKeys(**{**same, "footholds": footholds})) | {"robot": robot}
 
 
 def _named(name: str) -> Robot:

@@ -66,8 +66,7 @@ def _above(surfaces: dict[int, Patch], others: dict[int, Patch]) -> set[int]:
         common = shapely.intersection(plans[i], plans_below[j])
         if common.area > _SMALL_M2:
             place = np.array(common.centroid.coords[0])
-            upper = surfaces[numbers[i]]
-            if _height_of(upper, place) > _height_of(below[j], place) + _CRACK_M:
+            if _height_of(surfaces[numbers[i]], place) > _height_of(below[j], place) + _CRACK_M:
                 found.add(numbers[i])
     return found
 

@@ -235,8 +235,7 @@ class StandingMap:
                 names = {"head", *_ARRAYS}
                 if set(held.files) != names:
                     raise ValueError(f"expected the arrays {', '.join(sorted(names))}")
-                sizes = [info.file_size for info in held.zip.infolist()]
-                if sum(sizes) > _MOST_BYTES:
+                if sum(info.file_size for info in held.zip.infolist()) > _MOST_BYTES:
                     raise ValueError(f"expected {_MOST_BYTES} bytes of arrays or fewer")
                 head = parse_json(str(held["head"]), "head")
                 arrays = {name: held[name] for name in _ARRAYS}

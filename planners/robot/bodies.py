@@ -336,8 +336,7 @@ class Bodies:
             (low.min(axis=0) - room < top[:, None]) & (high.max(axis=0) + room > bottom[:, None]),
             axis=2,
         )
-        pairs = np.argwhere(close)[:, ::-1]
-        shape, part = pairs.T
+        shape, part = np.argwhere(close)[:, ::-1].T
         least = np.maximum(low[:, shape] - top[part], bottom[part] - high[:, shape]).max(axis=2)
         exact = np.zeros(least.shape, dtype=bool)
         bounds = Bounds(least=least, way=ways[:, shape], exact=exact)

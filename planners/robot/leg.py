@@ -275,8 +275,7 @@ class Chain:
 
 def _with_z(axis: Array) -> Array:
     """A rotation that takes z to a unit vector, shape (3, 3)."""
-    aside = np.eye(3)[int(np.argmin(np.abs(axis)))]
-    x = cross(aside, axis)
+    x = cross(np.eye(3)[int(np.argmin(np.abs(axis)))], axis)
     x = x / np.linalg.norm(x)
     return np.column_stack([x, cross(axis, x), axis])
 

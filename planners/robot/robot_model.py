@@ -546,8 +546,7 @@ def model_of(
         text = ElementTree.tostring(root, encoding="unicode") if held else text
         legs, guessed, doubted, lacks = found
         guesses = [*held, *guessed]
-        standing_in = _mounts(model, legs, at_rest(model))
-        rounded, balls = with_balls(root, legs, shapes, standing_in)
+        rounded, balls = with_balls(root, legs, shapes, _mounts(model, legs, at_rest(model)))
         if balls:
             text, again = rounded, shapes_of(parsed(rounded, where), folder, packages)[0]
             shapes = with_same_hulls(again, shapes)

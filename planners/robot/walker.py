@@ -183,8 +183,7 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
             f"mass_kg: expected a robot with a body that has a mass, got {model.name} without one"
         )
     heaviest = max(loads.values(), key=lambda mass: float(mass.get("value", "0")))
-    link_mass = float(heaviest.get("value", "0"))
-    others = model.mass_kg - link_mass
+    others = model.mass_kg - float(heaviest.get("value", "0"))
     if wanted <= others:
         raise InvalidInput(
             f"mass_kg: expected more than the {others:.3g} kg of all but the body, got {wanted:g}"

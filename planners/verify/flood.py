@@ -343,8 +343,7 @@ def _beside(cells: _Cells) -> _Cells:
     for axis in range(2):
         ends = [(0, 0), (0, 0)]
         ends[axis] = (1, 1)
-        padded = np.pad(cells, ends)
-        windows = np.lib.stride_tricks.sliding_window_view(padded, 3, axis=axis)
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(cells, ends), 3, axis=axis)
         cells = np.asarray(windows.any(axis=-1))
     return np.asarray(cells)
 

@@ -448,8 +448,7 @@ class _Measured:
         """
         whole = min(1.0, len(self.times_s) * self.step_s / _LASTS_S)
         lasting = _LASTING * whole * self._windowed(self._lacks, _LASTS_S)
-        worst = np.maximum(self._windowed(self._lacks), lasting)
-        return _worst(worst, (), self.times_s[1:-1])
+        return _worst(np.maximum(self._windowed(self._lacks), lasting), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
         """Part of the force and moment that the motion needs and that the table's forces lack, (T −
