@@ -307,7 +307,7 @@ def _bar(title: str) -> Iterator[Show]:
 
         def show(done: int, total: int, stage: str = "", /) -> None:
             described = f"{title}: {stage}" if stage else title
-            bar.update(task, completed=done, total=total, description=described)
+            bar.update(task, completed=done, total=total or None, description=described)
 
         yield show
 
@@ -334,22 +334,14 @@ def watching(title: str) -> Iterator[Callable[[Attempt, int, float, float, str],
 
     One line with the time that has passed, or one now and then where standard error is no terminal.
     """
-    from rich.progress import (  # of walks alone
-        Progress,
-        SpinnerColumn,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        line, lines = bar.add_task(title, total=None), _Lines(title)
+    with _bar(title) as bar:
+        lines = _Lines(title)
 
         def show(
             attempt: Attempt, iteration: int, violation: float, cost: float, phase: str
         ) -> None:
             text = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}, cost {cost:.3g}"
-            bar.update(line, description=text)
+            bar(iteration, 0, text)
             lines.say(text)
 
         yield show

@@ -16,7 +16,6 @@ from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..problem.walk import Walk
-from ..warp.conformal import flatten
 from ..warp.spline_map import SplineMap
 from .charts import CHARTS
 from .charts.warped import Shear
@@ -315,6 +314,8 @@ def formulate(
 
     def flattened() -> SplineMap:
         if warp is None:
+            from ..warp.conformal import flatten  # of charts with a map alone
+
             return flatten(task.terrain)
         return warp if isinstance(warp, SplineMap) else warp()
 

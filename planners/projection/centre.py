@@ -707,8 +707,7 @@ def _across(patch: Patch, place: Array, along: Array) -> Array | None:
     """Places on a patch on the line through a place this way, as seen from above, shape (S, 3); None
     where it misses the patch.
     """
-    flat = patch.vertices_m[:, :2]
-    normals, offsets = half_planes(flat)
+    normals, offsets = half_planes(patch.vertices_m[:, :2])
     slope, room = normals @ along, offsets - normals @ place[:2]
     even = np.abs(slope) < 1e-9
     ends = room / np.where(even, 1.0, slope)

@@ -163,8 +163,7 @@ class Linearised:
         body, toes = BodyVariables(rows, layout), FreeToes(rows, layout, explicit=True)
         forces = Forces.of_contacts(rows, layout)
         forces.balance()
-        moments = linearised_moments(layout, body, toes, forces)
-        residual = moments.within(rows)
+        residual = linearised_moments(layout, body, toes, forces).within(rows)
         if least_moment:
             rows.linear(residual, 1.0)
         else:

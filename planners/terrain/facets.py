@@ -277,8 +277,7 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
         if np.abs(plane.height(corners[group])).max() > FLAT_M:  # rounded
             middle, normal, _ = _planes(*(each.sum(axis=0) for each in _moments(corners[group])))
             plane = Plane.through(middle, normal * np.sign(normal @ normals[first]))
-        flat = plane.flat(corners[group])
-        polygon = shapely.polygons(flat)
+        polygon = shapely.polygons(plane.flat(corners[group]))
         polygon = polygon[0] if len(group) == 1 else _united(polygon)
         rms = float(np.sqrt(np.mean(plane.height(corners[group]) ** 2)))
         pieces.append(FlatPiece(plane=plane, polygon=polygon, triangles=group, rms_m=rms))

@@ -244,8 +244,7 @@ def covered(bottom: Array, top: Array, corner: Array, spacing: float) -> Array:
         bottom, top = np.where(gap, low.min(axis=0), bottom), np.where(gap, high.max(axis=0), top)
     boxes = np.zeros((0, 6))
     for alike in _ALIKE_M:
-        rectangles = list(_rectangles(bottom, top, alike))
-        boxes = np.array(rectangles, dtype=np.float64).reshape(-1, 6)
+        boxes = np.array(list(_rectangles(bottom, top, alike)), dtype=np.float64).reshape(-1, 6)
         if len(boxes) <= _MOST_BOXES:
             break
     boxes[:, :2] = corner[0] + spacing * boxes[:, :2] + [_APART_M, -_APART_M]

@@ -560,8 +560,7 @@ class _Around:
 def _open_edges(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
     """Edges that are not gone along as often one way as the other, shape (K, 2)."""
     edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
-    ordered = np.sort(edges, axis=1)
-    result, number = np.unique(ordered, axis=0, return_inverse=True)
+    result, number = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True)
     ways = np.bincount(number.reshape(-1), weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
     return np.asarray(result[ways != 0.0])
 

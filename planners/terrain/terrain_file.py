@@ -207,8 +207,7 @@ def _of_ply(content: bytes, path: Path) -> Array:
 
 def _of_pcd(content: bytes, path: Path) -> Array:
     reader = installed("pypcd4.pypcd4", str(path), "pypcd4", ".pcd clouds", "terrain")
-    head = content[:4096]
-    declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
+    declared = re.search(rb"^POINTS\s+(\d{1,18})", content[:4096], re.MULTILINE)
     if declared and int(declared[1]) > min(_MOST_POINTS, 40 * len(content)):
         raise InvalidInput(
             f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} "

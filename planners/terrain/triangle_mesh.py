@@ -163,8 +163,7 @@ def aligned(corners: Array, triangles: NDArray[np.int_]) -> tuple[NDArray[np.int
     owner, ahead, edge, uses = _edges(triangles, len(corners))
     order = np.argsort(edge, kind="stable")
     two, three = (order[uses[edge[order]] == count].reshape(-1, count) for count in (2, 3))
-    spread = corners[triangles]
-    doubles = doubled(spread)
+    doubles = doubled(corners[triangles])
     area = np.linalg.norm(doubles, axis=1)
     faces = np.where(ahead, 1.0, -1.0)[:, None] * (doubles / area[:, None])[owner]
     straight = -np.stack([np.vecdot(*faces[three[:, pair]].swapaxes(0, 1)) for pair in _PAIRED], 1)

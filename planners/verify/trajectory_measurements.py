@@ -400,14 +400,15 @@ class TrajectoryMeasurements:
 
     def _tops(self, xy: Array) -> Array:
         """The highest of the map's own heights within NEAR_M of points, shape (…, 2) [m] → (…)."""
-        from scipy.ndimage import maximum_filter
-
         terrain = self.trajectory.problem.terrain
         lines = terrain.x_m, terrain.y_m
-        about = tuple(1 + 2 * math.ceil(NEAR_M / float(np.diff(line).min())) for line in lines)
-        highest = maximum_filter(
-            terrain.heights_m, size=tuple(map(min, about, (2 * len(one) for one in lines)))
-        )
+        highest = terrain.heights_m
+        for axis, line in enumerate(lines):
+            aside = min(math.ceil(NEAR_M / float(np.diff(line).min())), len(line) - 1)
+            rows = np.clip(
+                np.arange(len(line))[:, None] + np.arange(-aside, aside + 1), 0, len(line) - 1
+            )
+            highest = np.take(highest, rows, axis=axis).max(axis=axis + 1)
         cells = tuple(
             np.clip(np.searchsorted(line, xy[..., k]), 0, len(line) - 1)
             for k, line in enumerate(lines)

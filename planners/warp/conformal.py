@@ -174,8 +174,7 @@ def point_blocks(jacobian: Array, barrier: float) -> Array:
     """
     cof = cofactor(jacobian)
     det = determinant(jacobian, cof)
-    sign = np.where(det < 0.0, -1.0, 1.0)
-    jacobian, det = jacobian * sign, np.maximum(np.abs(det), 1e-12)
+    jacobian, det = jacobian * np.where(det < 0.0, -1.0, 1.0), np.maximum(np.abs(det), 1e-12)
     slopes = residual_slopes(jacobian, cof, det)
     blocks = 2.0 * np.einsum("ran,rbn->abn", slopes, slopes)
     if barrier > 0.0:

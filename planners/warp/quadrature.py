@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
 
 from ..arguments import cached_property
 from ..files.arrays import Array
@@ -112,6 +111,8 @@ class Axis:
         mass = self.mass + ridge * self.cell_m * np.eye(len(self.identity))
         stiffness = self.stiffness + grip * np.outer(self.ends[0], self.ends[0])
         selection = self.pinned if pinned else np.eye(len(self.identity))
+        from scipy.linalg import eigh  # slow to import
+
         values, vectors = eigh(selection.T @ stiffness @ selection, selection.T @ mass @ selection)
         return values, selection @ vectors
 

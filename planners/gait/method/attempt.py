@@ -25,7 +25,6 @@ from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked
 from ...problem.walk import Walk
 from ...verify.trajectories import check_trajectory
-from ...warp.conformal import flatten
 from ...warp.spline_map import SplineMap
 from ..charts import CHARTS
 from ..gait_program import Costs, GaitProgram, GaitSolution, SolveOptions, formulate, sure
@@ -147,6 +146,8 @@ class Workbench:
     def _flattened(self) -> SplineMap:
         """The terrain's map, made once for all charts that need it."""
         if self.warp is None:
+            from ...warp.conformal import flatten  # of charts with a map alone
+
             self.warp = flatten(self.task.terrain)
         return self.warp
 

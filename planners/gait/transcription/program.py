@@ -188,8 +188,7 @@ class Program:
         ends = np.cumsum([one.rows for one in self.constraints])
         largest: dict[str, float] = {}
         for one, excess in zip(self.constraints, np.split(self.excess(values), ends), strict=False):
-            worst = float(excess.max(initial=0.0))
-            largest[one.name] = max(largest.get(one.name, 0.0), worst)
+            largest[one.name] = max(largest.get(one.name, 0.0), float(excess.max(initial=0.0)))
         return largest
 
 

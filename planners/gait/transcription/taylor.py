@@ -182,8 +182,7 @@ class Jets(cs.Callback):
     def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview]) -> int:
         """CasADi's call; 0 is its word for a success."""
         try:
-            points = np.frombuffer(arguments[0]).reshape(self._count, -1)
-            jets = self._map.at(points, self._order)
+            jets = self._map.at(np.frombuffer(arguments[0]).reshape(self._count, -1), self._order)
             np.frombuffer(results[0]).reshape(self._count, -1)[:] = jets
         except BaseException as error:
             self._errors.append(error)

@@ -371,8 +371,7 @@ def _even_lists(
     size = least.itemsize + first * np.dtype(element.properties[lists[0]].kind).itemsize
     if first < 0 or element.count * size > len(content) - at:
         return None
-    layout = _layout(element, order, first)
-    rows = np.frombuffer(content, layout, element.count, at)
+    rows = np.frombuffer(content, _layout(element, order, first), element.count, at)
     if np.any(rows[f"{column} length"] != first):
         return None
     values = rows[column].astype(np.int64).ravel() if wanted >= 0 else np.zeros(0, dtype=np.int64)
