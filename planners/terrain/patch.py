@@ -294,20 +294,24 @@ class Solids:
 
     def __init__(self, solids: Sequence[Solid]) -> None:
         counts = np.array([len(solid.offsets_m) for solid in solids], dtype=np.int_)
-        self._first = np.cumsum(counts) - counts
-        self._normals = (
-            np.concatenate([solid.normals for solid in solids]) if solids else np.zeros((0, 3))
-        )
-        self._offsets_m = (
-            np.concatenate([solid.offsets_m for solid in solids]) if solids else np.zeros(0)
-        )
+        self._count, first = len(solids), np.cumsum(counts) - counts
+        self._normals = np.concatenate([np.zeros((0, 3)), *(solid.normals for solid in solids)])
+        self._offsets_m = np.concatenate([np.zeros(0), *(solid.offsets_m for solid in solids)])
+        self._alike = [
+            (alike, first[alike, None] + np.arange(count))
+            for count in sorted(set(counts.tolist()))
+            for alike in [np.flatnonzero(counts == count)]
+        ]
 
     def distances(self, points: Array) -> Array:
         """Distances from each of S solids, as of ``Solid.distance``: shape (…, 3) to (…, S) [m]."""
-        if not len(self._first):
-            return np.zeros((*points.shape[:-1], 0))
-        beyond = points @ self._normals.T - self._offsets_m
-        return np.asarray(np.maximum.reduceat(beyond, self._first, axis=-1))
+        beyond = (points @ self._normals.T - self._offsets_m).reshape(
+            points.size // 3, len(self._offsets_m)
+        )
+        rows, apart = np.ascontiguousarray(beyond.T), np.empty((self._count, len(beyond)))
+        for solids, faces in self._alike:  # maxima along rows are quick
+            apart[solids] = rows[faces].max(axis=1)
+        return apart.T.reshape(*points.shape[:-1], self._count)
 
 
 def _prism(border: Array, normal: Array, thickness_m: float) -> Array:
