@@ -298,11 +298,14 @@ def test_drawing_postures_of_the_default_robot_and_terrain_takes_nothing_that_is
 
 def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_path):
     """Joints and bodies are judged by pinocchio and coal, hulls by scipy; planning needs none of
-    them.
+    them. The plan's file is verified without courses, proofs and YAML; a walk is written down
+    without maps of its terrain.
     """
     others = ("leap.finder", "robot.mjcf", "search.exact", "search.micp", "problem.course_between")
-    slow = ("cvxpy", "matplotlib", "typeguard", "asyncio", "stancekit.cli.gait")
-    slow += tuple(f"stancekit.planners.{name}" for name in others)
+    slow = (
+        *("cvxpy", "matplotlib", "typeguard", "asyncio", "stancekit.cli.gait"),
+        *(f"stancekit.planners.{name}" for name in others),
+    )
     judges = ("scipy", "numpy.f2py", "pinocchio", "coal")
     code = (
         "import sys; from stancekit.cli.main import parse\n"
@@ -314,9 +317,20 @@ def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_p
         "assert command.run() == 0\n"
         f"assert 'clarabel' in sys.modules; print([name for name in {slow!r} if name in sys.modules])"
     )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.endswith("[]\n")
-    assert (tmp_path / "plan.json").exists()
+    ours = ("problem.course_keys", "search.pieces", "verify.certificate", "verify.explanation")
+    again = (
+        "import sys; from stancekit.cli.main import parse\n"
+        f"assert parse(['verify', {str(tmp_path / 'plan.json')!r}]).run() == 0\n"
+        f"unread = ('yaml', 'scipy.ndimage', *('stancekit.planners.' + name for name in {ours!r}))\n"
+        "found = [name for name in unread if name in sys.modules]\n"
+        "import stancekit.planners.gait.method.portfolio\n"
+        "print(found + [name for name in ('scipy.linalg', 'stancekit.planners.warp.conformal') if name in sys.modules])"
+    )
+    for each in (code, again):
+        run = subprocess.run(
+            [sys.executable, "-c", each], capture_output=True, text=True, check=True
+        )
+        assert run.stdout.endswith("[]\n")
 
 
 ROOT = Path(__file__).parents[2]
