@@ -615,8 +615,7 @@ def sampled(
     contact: list[NDArray[np.bool_]] = []
     for foot, entries in enumerate(layout.feet):
         place = (layout.foot_rows(foot, times_s) @ x).reshape(-1, 3)
-        force = (layout.force_rows(foot, times_s) @ x).reshape(-1, 3)
-        p_i, f_i = push.foot(place, force)
+        p_i, f_i = push.foot(place, (layout.force_rows(foot, times_s) @ x).reshape(-1, 3))
         feet, forces = [*feet, p_i], [*forces, f_i * structure.task.robot.weight_n]
         contact.append(entries.phases.stands(times_s))
     task = structure.task

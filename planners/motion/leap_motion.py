@@ -88,8 +88,7 @@ class LeapBody:
         plan, k = self.plan, self._k
         t = (self.times_s - plan.ends_s[k])[:, None]
         mass = plan.problem.robot.mass_kg
-        fall = np.array([0.0, 0.0, -GRAVITY_M_S2])
-        push = self.forces_n.sum(axis=1) / mass + fall
+        push = self.forces_n.sum(axis=1) / mass + np.array([0.0, 0.0, -GRAVITY_M_S2])
         self.velocity_m_s = plan.velocity_m_s[k] + t * push
         self.com_m = plan.com_m[k] + t * plan.velocity_m_s[k] + 0.5 * t**2 * push
         # ∫ Σ (p − c) × f dt = Σ p × f t − (c₀ t + v₀ t²/2 + a t³/6) × F

@@ -583,8 +583,7 @@ class CandidatePatches:
         [m].
         """
         origins, axes = self._origins[chosen], self._axes[chosen]
-        flat = np.matmul((points_m - origins)[:, None], axes)[:, 0]
-        on = nearest(self._rooms[chosen], flat)
+        on = nearest(self._rooms[chosen], np.matmul((points_m - origins)[:, None], axes)[:, 0])
         return np.asarray(origins + np.matmul(on[:, None], axes.transpose(0, 2, 1))[:, 0])
 
     def _hidden(self, place_m: Array, hip_m: Array) -> bool:

@@ -256,8 +256,7 @@ def keep_clear(
             right = right - (part @ bar.ravel()) / unit
     rows.put(clear, slack, -1.0)
     rows.right(clear, _constant(right))
-    positive = rows.at_most("no_less", len(near.distance_m))
-    rows.put(positive, slack, -1.0)
+    rows.put(rows.at_most("no_less", len(near.distance_m)), slack, -1.0)
     rows.linear(slack, CLEAR_PRICE)
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
-from ..terrain.patch import Solid
+from ..terrain.patch import Solid, with_as_many_faces
 from .contacts import Bounds, Index, LinksInGround, balls_apart, boxes_apart, feet_of, off_solids
 from .inverse_kinematics import Near, Overlap, WholeBody
 from .kinematics import Kinematics
@@ -629,14 +629,13 @@ def _faces(solids: Sequence[Solid]) -> list[tuple[NDArray[np.int_], Array, Array
     """Faces n·x = d of parts of a terrain that have as many of them, F: parts by number, shape (K,),
     normals, shape (K, F, 3), and offsets, shape (K, F) [m].
     """
-    counts = np.array([len(solid.normals) for solid in solids], dtype=int)
     return [
         (
             parts,
             np.array([solids[k].normals for k in parts.tolist()]),
             np.array([solids[k].offsets_m for k in parts.tolist()]),
         )
-        for parts in (np.flatnonzero(counts == count) for count in sorted(set(counts.tolist())))
+        for parts in with_as_many_faces(solids)
     ]
 
 

@@ -391,16 +391,16 @@ class HeightField:
             )
         for axis, lines in enumerate((self.x_m, self.y_m)):
             sigma = checked(sigma_m, "sigma_m", least=0.0) / float(lines[1] - lines[0])
-            width = int(np.ceil(4.0 * sigma))
-            pads = [(width, width) if k == axis else (0, 0) for k in range(2)]
-            padded = np.pad(heights, pads, mode="reflect", reflect_type="odd")
-            radius, inside = int(4.0 * sigma + 0.5), np.arange(width, width + len(lines))
-            weights = np.exp(-0.5 / (sigma * sigma or 1.0) * np.arange(radius + 1) ** 2)
-            weights /= np.concatenate([weights[:0:-1], weights]).sum()
-            heights = np.take(padded, inside, axis=axis) * weights[0]
-            for k in range(radius, 0, -1):  # in the order in which SciPy's filter adds them
-                before, after = (np.take(padded, inside + at, axis=axis) for at in (-k, k))
-                heights += (before + after) * weights[k]
+            radius = int(4.0 * sigma + 0.5)
+            weights = np.exp(-0.5 / (sigma**2 or 1.0) * np.arange(-radius, radius + 1) ** 2)
+            weights /= weights.sum()
+            pads = [(radius, radius), (0, 0)]
+            rows = np.pad(heights.swapaxes(0, axis), pads, mode="reflect", reflect_type="odd")
+            moved = [rows[k : k + len(lines)] for k in range(len(weights))]
+            smooth = moved[radius] * weights[radius]
+            for k in range(radius):  # in the order in which SciPy's filter adds them
+                smooth += (moved[k] + moved[-1 - k]) * weights[k]
+            heights = np.ascontiguousarray(smooth.swapaxes(0, axis))
         return HeightField(self.x_m, self.y_m, heights, self.name)
 
     def scaled(self, factor: float) -> HeightField:

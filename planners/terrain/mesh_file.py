@@ -129,8 +129,7 @@ def compiled_mjcf(path: Path) -> tuple[Any, set[str], list[str]]:
         InvalidInput: in one line, for what MuJoCo does not compile.
     """
     try:
-        root = parse_xml(read_text(path), "mujoco")
-        every = _elements(root, path.parent, (path.resolve(),))
+        every = _elements(parse_xml(read_text(path), "mujoco"), path.parent, (path.resolve(),))
         if len([*itertools.islice(every, _MOST_ELEMENTS + 1)]) > _MOST_ELEMENTS:
             raise InvalidInput(f"expected {_MOST_ELEMENTS} elements or fewer, got more")
     except InvalidInput as error:

@@ -72,8 +72,7 @@ class _MeshRung:
         shapely, rung = shapely_module(), self.rung
         axes = np.stack([rung.axis, np.cross(rung.upright, rung.axis)], axis=1)
         plane = Plane(origin_m=rung.middle_m, normal=rung.upright, axes=axes)
-        doubles = doubled(corners_m)
-        flat = plane.flat(corners_m[doubles @ rung.upright > 0.0])
+        flat = plane.flat(corners_m[doubled(corners_m) @ rung.upright > 0.0])
         half = rung.half_width_m
         strip = shapely.box(flat[..., 0].min(), -half, flat[..., 0].max(), half)
         on_it = strip.intersection(

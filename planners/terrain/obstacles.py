@@ -235,8 +235,7 @@ def _area(patch: Patch) -> float:
 
 def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
     """All patches face outward on the hull of all of them, and leave nothing of it open."""
-    middle = corners.mean(axis=0)
-    flat = np.linalg.matrix_rank(corners - middle, tol=_WELD_M) < 3
+    flat = np.linalg.matrix_rank(corners - corners.mean(axis=0), tol=_WELD_M) < 3
     if flat or any(
         ((corners - patch.vertices_m[0]) @ patch.normal).max() > _WELD_M for patch in patches
     ):

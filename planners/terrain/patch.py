@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -289,37 +290,40 @@ def hull_of(points: Array) -> Any:
         return None
 
 
+def with_as_many_faces(solids: Sequence[Solid]) -> list[NDArray[np.int_]]:
+    """Convex bodies, by number, that have as many faces."""
+    counts = np.array([len(solid.offsets_m) for solid in solids], dtype=int)
+    return [np.flatnonzero(counts == count) for count in sorted(set(counts.tolist()))]
+
+
 class Solids:
     """Convex bodies whose distances are measured at once."""
 
     def __init__(self, solids: Sequence[Solid]) -> None:
-        counts = np.array([len(solid.offsets_m) for solid in solids], dtype=np.int_)
-        self._count, first = len(solids), np.cumsum(counts) - counts
+        ends = np.cumsum([0, *(len(solid.offsets_m) for solid in solids)])
+        self._count = len(solids)
         self._normals = np.concatenate([np.zeros((0, 3)), *(solid.normals for solid in solids)])
         self._offsets_m = np.concatenate([np.zeros(0), *(solid.offsets_m for solid in solids)])
         self._alike = [
-            (alike, first[alike, None] + np.arange(count))
-            for count in sorted(set(counts.tolist()))
-            for alike in [np.flatnonzero(counts == count)]
+            (alike, np.array([np.arange(ends[k], ends[k + 1]) for k in alike]).T)
+            for alike in with_as_many_faces(solids)
         ]
 
     def distances(self, points: Array) -> Array:
         """Distances from each of S solids, as of ``Solid.distance``: shape (…, 3) to (…, S) [m]."""
-        beyond = (points @ self._normals.T - self._offsets_m).reshape(
-            points.size // 3, len(self._offsets_m)
-        )
-        rows, apart = np.ascontiguousarray(beyond.T), np.empty((self._count, len(beyond)))
-        for solids, faces in self._alike:  # maxima along rows are quick
-            apart[solids] = rows[faces].max(axis=1)
-        return apart.T.reshape(*points.shape[:-1], self._count)
+        beyond = points @ self._normals.T
+        beyond -= self._offsets_m
+        apart = np.empty((*points.shape[:-1], self._count))
+        for solids, faces in self._alike:
+            apart[..., solids] = reduce(np.maximum, (beyond.take(each, axis=-1) for each in faces))
+        return apart
 
 
 def _prism(border: Array, normal: Array, thickness_m: float) -> Array:
     """The border without doubled corners, then the same moved back along the normal, shape (2U, 3)
     [m].
     """
-    before = border[[-1, *range(len(border) - 1)]]
-    apart = np.linalg.norm(border - before, axis=1) > 1e-9
+    apart = np.linalg.norm(border - border[[-1, *range(len(border) - 1)]], axis=1) > 1e-9
     return np.concatenate([border[apart], border[apart] - thickness_m * normal])
 
 

@@ -405,10 +405,8 @@ class TrajectoryMeasurements:
         highest = terrain.heights_m
         for axis, line in enumerate(lines):
             aside = min(math.ceil(NEAR_M / float(np.diff(line).min())), len(line) - 1)
-            rows = np.clip(
-                np.arange(len(line))[:, None] + np.arange(-aside, aside + 1), 0, len(line) - 1
-            )
-            highest = np.take(highest, rows, axis=axis).max(axis=axis + 1)
+            rows = np.arange(len(line))[:, None] + np.arange(-aside, aside + 1)
+            highest = np.take(highest, rows, axis=axis, mode="clip").max(axis=axis + 1)
         cells = tuple(
             np.clip(np.searchsorted(line, xy[..., k]), 0, len(line) - 1)
             for k, line in enumerate(lines)

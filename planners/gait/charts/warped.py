@@ -262,8 +262,7 @@ class Pushforward:
 
     def foot(self, bar: Array, force: Array) -> tuple[Array, Array]:
         """p̄_i and f̄_i, shape (K, 3), to p_i (K, 3) [m] and f_i (K, 3)."""
-        jets = self._jets(self._chart.foot_map, bar)
-        p, f = self._foot.map(len(bar))(bar.T, force.T, jets)
+        p, f = self._foot.map(len(bar))(bar.T, force.T, self._jets(self._chart.foot_map, bar))
         return np.asarray(p).T, np.asarray(f).T
 
     @cached_property

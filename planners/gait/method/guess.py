@@ -166,8 +166,7 @@ def euler_angles(rotation: Array) -> Array:
     """θ of rotations, shape (…, 3, 3) → (…, 3) [rad], pitch in [−π/2, π/2]."""
     roll = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
     pitch = -np.arcsin(np.clip(rotation[..., 2, 0], -1.0, 1.0))
-    yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
-    return np.stack([roll, pitch, yaw], axis=-1)
+    return np.stack([roll, pitch, np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])], axis=-1)
 
 
 def _put(x: Array, entries: Index, values: Array) -> None:

@@ -160,8 +160,7 @@ def _ears(places: Array, normal: Array) -> Triangles:
         kept = np.flatnonzero(apart)
         empty = np.full((len(places) - len(kept), 3), kept[0])
         return np.concatenate([kept[_ears(places[kept], normal)], empty])
-    axis = np.eye(3)[np.abs(normal).argmin()]
-    along = np.cross(normal, axis)
+    along = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     flat = places @ np.stack([along, np.cross(normal, along)], axis=1)
     left, found = list(range(len(places))), list[tuple[int, int, int]]()
     while len(left) > 3:
