@@ -5,15 +5,27 @@ waiting, and the device's own.
 from __future__ import annotations
 
 import re
+import select
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import pytest
 
+from stancekit.runner.worlds.dynamixel import port
+
+from . import servo_bus
+from .servo_bus import EmulatedBus
+
 PACE = 3.0
 """So many times as fast, where a test says nothing else."""
+POLL_S = 0.0002
+"""Who sleeps by the robot's clock looks at it so often, by the computer's."""
+AWAY_S = 0.1
+"""A host that has not looked for so long by the computer's clock does something else."""
 
 
 class FastTime:
@@ -51,7 +63,7 @@ class RobotTime:
         """Let so much of it pass."""
         until_s = self.monotonic() + seconds
         while self.monotonic() < until_s:
-            time.sleep(0.001)
+            time.sleep(POLL_S)
 
 
 @contextmanager
@@ -72,3 +84,52 @@ def on_robot_time(
         for module in timed:
             patched.setattr(module, "time", RobotTime(now_s, runs))
         yield
+
+
+class LockStep:
+    """The clock of a device that has no other than its host's: it goes on while the host waits, as
+    fast as the computer can, and not while the host works, however long the computer keeps it.
+    """
+
+    def __init__(self) -> None:
+        self._now_s, self._looked = time.monotonic(), threading.Event()
+
+    def look(self) -> float:
+        """The time [s] for the host, which waits and lets it go on."""
+        self._looked.set()
+        return self._now_s
+
+    def monotonic(self) -> float:
+        """The time [s]."""
+        return self._now_s
+
+    def sleep(self, seconds: float) -> None:
+        """Let so much of it pass once the host has looked; one that is away has its time
+        nevertheless.
+        """
+        self._looked.wait(AWAY_S)
+        self._looked.clear()
+        self._now_s += seconds
+
+    def select(self, read: Any, write: Any, other: Any, seconds: float) -> Any:
+        """``select.select``, in that time."""
+        self._looked.wait(AWAY_S)
+        ready = select.select(read, write, other, 0.0)
+        if not ready[0]:
+            self.sleep(seconds)
+        return ready
+
+
+@contextmanager
+def fast_bus(*servos: Any, **settings: Any) -> Iterator[EmulatedBus]:
+    """A bus that lives by its host's clock."""
+    clock = LockStep()
+    with pytest.MonkeyPatch.context() as patched:
+        for name in ("time", "select"):
+            patched.setattr(servo_bus, name, clock)
+        patched.setattr(port, "_WAIT_S", POLL_S)
+        with (
+            EmulatedBus(*servos, **settings) as bus,
+            on_robot_time("dynamixel", clock.look, bus.is_alive),
+        ):
+            yield bus

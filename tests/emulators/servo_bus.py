@@ -71,24 +71,17 @@ class EmulatedTime:
     """A clock for what is emulated: the machine's, but for gaps in which the machine did not run
     the emulator.
 
-    now: its time [s], at most that of ``time.monotonic``. real_s: how long it has been running by
-    the machine's clock.
+    now: its time [s], at most that of ``time.monotonic``.
     """
 
     def __init__(self) -> None:
-        self._began_s = self._last_s = self.now = time.monotonic()
+        self._last_s = self.now = time.monotonic()
 
     def tick(self) -> float:
         """Let time pass since the last call, ``SLOWEST_S`` at most."""
         last, self._last_s = self._last_s, time.monotonic()
         self.now += min(self._last_s - last, SLOWEST_S)
         return self.now
-
-    @property
-    def share(self) -> float:
-        """Emulated time over the machine's: 1 where the machine keeps up."""
-        passed = self._last_s - self._began_s
-        return 1.0 if passed <= 0.0 else (self.now - self._began_s) / passed
 
 
 class EmulatedBus(threading.Thread):
@@ -168,14 +161,12 @@ class EmulatedBus(threading.Thread):
     def state(self) -> dict[str, Any]:
         """State of the servos, JSON-ready.
 
-        own_s, moved_s: the servos' own time, and when one of them moved last in it. time_share:
-        emulated time over the machine's, 1 where it keeps up.
+        own_s, moved_s: the servos' own time, and when one of them moved last in it.
         """
         with self._lock:
             servos, n = self.servos, range(len(self.servos.ids))
             return {
                 "now_s": time.monotonic(),
-                "time_share": self.clock.share,
                 "ids": servos.ids,
                 "position_rad": servos.position.tolist(),
                 "rate_rad_s": servos.rate.tolist(),

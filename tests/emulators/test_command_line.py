@@ -62,7 +62,7 @@ def test_the_servos_stand_as_the_plan_begins_by_the_calibration_file_and_are_gon
         assert Path("bus").resolve() == Path(bus.where["path"])
         state = bus.state()
         assert state["ids"] == [100 - k for k in range(1, 25)]
-        assert 0.0 < state["time_share"] <= 1.0
+        assert 0.0 <= state["own_s"] <= state["now_s"]
         with DynamixelWorld(robot, Calibration.from_yaml("servos.yaml", names)) as world:
             measured = world.connect((), np.zeros(24), np.zeros(3), np.eye(3)).angles_rad
             assert not world.bus.fast

@@ -21,7 +21,8 @@ from hypothesis import given, strategies as st
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
-from stancekit.runner.worlds.dynamixel import control_table as table, port as servo_port
+from stancekit.runner.worlds import hardware
+from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel.bus import MeasurementJudge
 from stancekit.runner.worlds.dynamixel.control_table import (
     Calibration,
@@ -31,7 +32,7 @@ from stancekit.runner.worlds.dynamixel.control_table import (
 )
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.devices import Emulated, bus_process
-from tests.emulators.fast_time import FastTime, on_robot_time
+from tests.emulators.fast_time import fast_bus
 from tests.emulators.servo_bus import FAULTS, EmulatedBus
 from tests.emulators.wrong_calibration import spoiled
 from tests.refusals import refuses
@@ -63,12 +64,12 @@ def mirrored(port: str) -> Calibration:
     return Calibration(port=port, watchdog_s=0.6, latency_ms=LATENCY_MS, joints=joints)
 
 
+SHAFTS = mirrored("none").shafts(JOINTS, START).tolist()
+
+
 @pytest.fixture
 def bus() -> Iterator[EmulatedBus]:
-    with (
-        EmulatedBus(range(1, 25), mirrored("none").shafts(JOINTS, START).tolist()) as made,
-        on_robot_time("dynamixel", lambda: made.clock.now, made.is_alive),
-    ):
+    with fast_bus(range(1, 25), SHAFTS) as made:
         yield made
 
 
@@ -116,11 +117,11 @@ def test_arming_holds_the_measured_pose_with_currents_and_watchdogs_set(
 def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(
     bus: EmulatedBus, world: DynamixelWorld, armed: None
 ) -> None:
-    begin, away = time.monotonic(), 0.0
+    begin, away = bus.clock.now, 0.0
     for k in range(50):
         state = world.step(wave(k))
         away = max(away, float(abs(state.angles_rad - state.sent_rad).max()))
-    assert time.monotonic() - begin > 49 * 0.02
+    assert bus.clock.now - begin > 49 * 0.02
     np.testing.assert_allclose(state.sent_rad, wave(49), atol=0.51 * table.RAD)
     np.testing.assert_allclose(
         bus.state()["goal_rad"], world.calibration.shafts(JOINTS, state.sent_rad), atol=1e-9
@@ -139,54 +140,11 @@ def test_a_target_that_is_no_number_is_refused_and_not_sent(
     assert bus.state()["goal_writes"] == before
 
 
-def move(world: DynamixelWorld, periods: int) -> None:
-    for k in range(periods):
-        world.step(wave(k))
-
-
-NAMED = {
-    "silent servo": "servo",
-    "corrupted packets": "servo",
-    "delay": "latency_ms",
-    "overload": "overload",
-    "power loss": "servo 1 (LF_yaw)",
-    "cable pulled": "port",
-}
-
-
-UNSEEN = {"silent servo", "corrupted packets", "delay", "power loss", "cable pulled"}
-"""Faults after which the servos cannot be seen to stand."""
-
-
 def later(bus: Emulated, then: dict[str, Any], seconds: float) -> dict[str, Any]:
     """The state of a bus, once so much of the servos' own time has passed since another state."""
     while (seen := bus.state())["own_s"] < then["own_s"] + seconds:
-        time.sleep(0.05)
+        hardware.time.sleep(0.01)
     return seen
-
-
-@pytest.mark.parametrize("kind", NAMED)
-def test_a_fault_stops_the_robot_and_nothing_is_sent_after_it(
-    bus: EmulatedBus, world: DynamixelWorld, kind: str, armed: None
-) -> None:
-    bus.inject(kind, 0.1)
-    with refuses(NAMED[kind], kind=HardwareFault):
-        move(world, 200)
-    then = bus.state()
-    with refuses("arm"):
-        world.step(START)
-    if kind in UNSEEN:
-        with refuses("0.6 s", kind=HardwareFault):
-            world.stop()
-    else:
-        world.stop()
-    seen = later(bus, then, 1.0)
-    assert seen["goal_writes"] == then["goal_writes"]
-    assert max(abs(rate) for rate in seen["rate_rad_s"]) < 0.02
-    assert seen["moved_s"] < then["own_s"] + 0.9
-    off = {"overload": 1, "power loss": 24}.get(kind, 0)
-    assert seen["torque"].count(False) == off
-    assert seen["watchdog"].count(255) == (24 - off)
 
 
 def test_one_damaged_answer_is_asked_for_again_and_harms_nothing(
@@ -205,7 +163,7 @@ def test_a_host_that_paused_finds_its_servos_stopped(
 ) -> None:
     for k in range(10):
         world.step(wave(k))
-    time.sleep(0.9)
+    later(bus, bus.state(), 0.9)
     with refuses("servo 1 (LF_yaw)", kind=HardwareFault):
         world.step(wave(10))
     assert bus.state()["refused_goals"] == 24
@@ -251,8 +209,7 @@ def test_relaxing_switches_every_torque_off_and_names_whom_it_cannot_reach(
     world.stop(torque_off=True)
     assert not any(bus.state()["torque"])
     world.arm()
-    bus.inject("silent servo")
-    time.sleep(0.05)
+    happened(bus, "silent servo")
     with refuses("servo", kind=HardwareFault):
         world.stop(torque_off=True)
     assert bus.state()["torque"].count(True) == 1
@@ -294,9 +251,7 @@ def test_a_port_has_one_owner_and_must_be_one(
         DynamixelWorld(ROBOT, mirrored(str(tmp_path / "file"))).connect(*STILL)
 
 
-def test_wrong_servos_are_refused_before_any_motion(
-    bus: EmulatedBus, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wrong_servos_are_refused_before_any_motion(bus: EmulatedBus) -> None:
     right = mirrored(bus.path)
     lower = replace(right.joints["LF_hip"], lower_rad=0.9, rest_rad=None)
     deaf = replace(right, baud=115200, latency_ms=2.0)  # nobody answers, however long it waits
@@ -305,11 +260,8 @@ def test_wrong_servos_are_refused_before_any_motion(
         (deaf, InvalidInput, "1000000"),
         (replace(right, joints=right.joints | {"LF_hip": lower}), InvalidInput, "servo 2 (LF_hip)"),
     ):
-        with monkeypatch.context() as patched, DynamixelWorld(ROBOT, wrong) as world:
-            if wrong is deaf:
-                patched.setattr(servo_port, "time", FastTime())
-            with refuses(name, kind=kind):
-                world.connect(*STILL)
+        with DynamixelWorld(ROBOT, wrong) as world, refuses(name, kind=kind):
+            world.connect(*STILL)
     assert bus.state()["goal_writes"] == 0
 
 
@@ -324,29 +276,12 @@ def test_a_joint_calibrated_wrong_is_named_before_any_motion(bus: EmulatedBus, s
     assert bus.state()["goal_writes"] == 0
 
 
-def calibrated(port: str) -> Calibration:
-    return nominal(ROBOT, port=port, watchdog_s=0.6, latency_ms=LATENCY_MS)
-
-
-@pytest.fixture
-def plain_bus() -> Iterator[EmulatedBus]:
-    with (
-        EmulatedBus(range(1, 25), START.tolist()) as made,
-        on_robot_time("dynamixel", lambda: made.clock.now, made.is_alive),
-    ):
-        yield made
-
-
-@pytest.fixture
-def plain_world(plain_bus: EmulatedBus) -> Iterator[DynamixelWorld]:
-    with DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as made:
-        yield made
-
-
-def happened(plain_bus: EmulatedBus, fault: str) -> None:
-    plain_bus.inject(fault)
-    while not plain_bus.state()["happened"]:
-        time.sleep(0.001)
+def happened(bus: EmulatedBus, *faults: str) -> list[str]:
+    for fault in faults:
+        bus.inject(fault, 0.01)
+    while len(seen := bus.state()["happened"]) < len(faults):
+        hardware.time.sleep(0.001)
+    return [kind for kind, _ in seen]
 
 
 REFUSED = {
@@ -367,20 +302,14 @@ REFUSED = {
 }
 
 
-MUTE = ("power loss", "wrong baud", "half packets", "corrupted packets")
-"""Faults with which a host waits in vain, again and again."""
-
-
 @pytest.mark.parametrize("fault", REFUSED)
 def test_first_contact_names_what_is_wrong_and_nothing_moves(
-    plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str, monkeypatch: pytest.MonkeyPatch
+    bus: EmulatedBus, world: DynamixelWorld, fault: str
 ) -> None:
-    happened(plain_bus, fault)
-    if fault in MUTE:
-        monkeypatch.setattr(servo_port, "time", FastTime())
+    happened(bus, fault)
     with refuses(REFUSED[fault]):
-        plain_world.connect(*STILL)
-    seen = plain_bus.state()
+        world.connect(*STILL)
+    seen = bus.state()
     assert (seen["goal_writes"], any(seen["torque"])) == (0, False)
 
 
@@ -397,55 +326,57 @@ TAKEN = (
 
 @pytest.mark.parametrize("fault", TAKEN)
 def test_what_is_odd_but_sound_is_taken_as_it_is(
-    plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str
+    bus: EmulatedBus, world: DynamixelWorld, fault: str
 ) -> None:
-    happened(plain_bus, fault)
-    state = plain_world.connect(*STILL)
+    happened(bus, fault)
+    state = world.connect(*STILL)
     np.testing.assert_allclose(state.angles_rad, START, atol=table.RAD)
-    plain_world.arm()
+    world.arm()
     for _ in range(5):
-        state = plain_world.step(START)
-    plain_world.stop()
+        state = world.step(START)
+    world.stop()
     np.testing.assert_allclose(state.angles_rad, START, atol=2 * table.RAD)
-    assert plain_world.bus.fast == (fault != "no fast sync read")
-    assert plain_bus.state()["goal_writes"] == 6 * 24
+    assert world.bus.fast == (fault != "no fast sync read")
+    assert bus.state()["goal_writes"] == 6 * 24
 
 
-def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(servo_port, "time", FastTime(0.2))  # no answer is late
+def test_servos_whose_firmware_lacks_fast_sync_read_are_read_one_after_the_other() -> None:
     with (
-        EmulatedBus(range(1, 25), START.tolist(), firmware=44) as plain_bus,
-        DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as plain_world,
+        fast_bus(range(1, 25), SHAFTS, firmware=44) as bus,
+        DynamixelWorld(ROBOT, mirrored(bus.path)) as world,
     ):
-        plain_world.connect(*STILL)
-        assert not plain_world.bus.fast
-        assert plain_world.bus.retried == 0
+        world.connect(*STILL)
+        assert not world.bus.fast
+        assert world.bus.retried == 0
 
 
-def test_servos_with_other_ids_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(servo_port, "time", FastTime())
+def test_servos_with_other_ids_are_named() -> None:
     with (
-        EmulatedBus(range(31, 55), START.tolist()) as plain_bus,
-        DynamixelWorld(ROBOT, calibrated(plain_bus.path)) as plain_world,
+        fast_bus(range(31, 55), SHAFTS) as bus,
+        DynamixelWorld(ROBOT, mirrored(bus.path)) as world,
         refuses("1 to 24", "31 to 54"),
     ):
-        plain_world.connect(*STILL)
+        world.connect(*STILL)
 
 
-def held(plain_world: DynamixelWorld) -> str:
+def held(world: DynamixelWorld) -> str:
     """Why the servos cannot be seen to stand; empty where they can."""
     try:
-        plain_world.stop()
+        world.stop()
     except HardwareFault as fault:
         return str(fault)
     return ""
 
 
 STOPPED = {
+    "silent servo": "servo",
+    "corrupted packets": "servo",
     "half packets": "servo 1 (LF_yaw)",
+    "delay": "latency_ms",
     "frozen adapter": "adapter",
+    "overload": "overload",
+    "power loss": "servo 1 (LF_yaw)",
+    "cable pulled": "port",
     "input voltage 3": "servo 3 (LF_roll)",
     "overheating 3": "servo 3 (LF_roll)",
     "reboot 4": "servo 4 (LF_knee)",
@@ -457,45 +388,57 @@ STOPPED = {
 }
 
 
+UNSEEN = {
+    "silent servo",
+    "corrupted packets",
+    "half packets",
+    "delay",
+    "power loss",
+    "cable pulled",
+    "same id 9",
+    "stale values 9",
+    "status return 0",
+}
+"""Faults after which the servos cannot be seen to stand."""
+OFF = {"overload": 1, "overheating 3": 1, "reboot 4": 1, "power loss": 24}
+"""Servos without torque after a fault."""
+
+
 @pytest.mark.parametrize("fault", STOPPED)
-def test_a_fault_on_the_way_stops_with_its_name_and_nothing_moves_after(
-    plain_bus: EmulatedBus, plain_world: DynamixelWorld, fault: str
+def test_a_fault_on_the_way_stops_with_its_name_and_nothing_is_sent_or_moves_after_it(
+    bus: EmulatedBus, world: DynamixelWorld, fault: str, armed: None
 ) -> None:
-    plain_world.connect(*STILL)
-    plain_world.arm()
-    plain_bus.inject(fault, 0.1)
+    bus.inject(fault, 0.1)
     with refuses(STOPPED[fault], kind=HardwareFault):
-        move(plain_world, 200)
-    sent = plain_bus.state()["goal_writes"]
-    unseen = held(plain_world)
-    assert unseen == "" or unseen.endswith(
-        "bus watchdogs stop the servos 0.6 s after the last packet"
-    )
-    time.sleep(0.7 if unseen else 0.0)
-    reported_rad = np.array(plain_bus.state()["position_rad"])
-    time.sleep(0.3)
-    seen = plain_bus.state()
-    assert seen["goal_writes"] == sent
-    np.testing.assert_allclose(seen["position_rad"], reported_rad, atol=2e-3)
+        for k in range(200):
+            world.step(wave(k))
+    then = bus.state()
+    with refuses("arm"):
+        world.step(START)
+    unseen, stood_rad = held(world), bus.state()["position_rad"]
+    watched = "bus watchdogs stop the servos 0.6 s after the last packet"
+    assert unseen[-len(watched) :] == (watched if fault in UNSEEN else "")
+    seen = later(bus, then, 1.0)
+    assert seen["goal_writes"] == then["goal_writes"]
+    assert max(abs(rate) for rate in seen["rate_rad_s"]) < 0.02
+    assert seen["moved_s"] < then["own_s"] + 0.9
+    off = OFF.get(fault, 0)
+    assert seen["torque"].count(False) == off
+    assert seen["watchdog"].count(255) == (24 - off)
+    if not unseen:
+        np.testing.assert_allclose(seen["position_rad"], stood_rad, atol=2e-3)
 
 
-def test_faults_are_named_with_a_servo_and_a_time_or_refused(plain_bus: EmulatedBus) -> None:
+def test_faults_are_named_with_a_servo_and_a_time_or_refused(bus: EmulatedBus) -> None:
     for wrong in ("silent", "silent servo 99", "silent servo in a while", ""):
         with refuses(kind=ValueError):
-            plain_bus.inject(wrong)
-    plain_bus.inject("silent servo 4", 0.01)
-    plain_bus.inject("status return 1", 0.01)
-    while len(plain_bus.state()["happened"]) < 2:
-        time.sleep(0.001)
-    assert [kind for kind, _ in plain_bus.state()["happened"]] == [
-        "silent servo",
-        "status return 1",
-    ]
+            bus.inject(wrong)
+    assert happened(bus, "silent servo 4", "status return 1") == ["silent servo", "status return 1"]
     assert len(FAULTS) == len(set(FAULTS.values()))
 
 
 def judge() -> MeasurementJudge:
-    made = MeasurementJudge(DynamixelWorld(ROBOT, calibrated("none")).bus, np.full(24, 3.14))
+    made = MeasurementJudge(DynamixelWorld(ROBOT, mirrored("none")).bus, np.full(24, 3.14))
     assert made.clocks(np.zeros(24, int), np.full(24, 20)) == ""
     assert made.doubt(1.0, *measured()).why == ""
     return made
@@ -539,7 +482,7 @@ def test_a_position_that_stays_while_its_velocity_does_not_is_old() -> None:
 
 
 def test_servos_without_a_running_clock_are_judged_without_one() -> None:
-    made = MeasurementJudge(DynamixelWorld(ROBOT, calibrated("none")).bus, np.full(24, 3.14))
+    made = MeasurementJudge(DynamixelWorld(ROBOT, mirrored("none")).bus, np.full(24, 3.14))
     assert made.clocks(np.zeros(24, int), np.zeros(24, int)) == ""
     for k in range(3):
         assert made.doubt(1.0 + k, *measured(0)).why == ""

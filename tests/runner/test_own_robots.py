@@ -19,8 +19,8 @@ from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.hardware import HardwareWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
+from tests.emulators.fast_time import fast_bus
 from tests.emulators.ros_robots import QUICK, emulated
-from tests.emulators.servo_bus import EmulatedBus
 from tests.planners.robot.small_urdfs import fixed, joint, link, robot
 from tests.runner.test_simulated_robots import robot as of_model
 
@@ -46,7 +46,7 @@ def legged(legs: int, joints: int) -> Robot:
 def on_bus(own: Robot) -> Iterator[HardwareWorld]:
     names = own.joint_names
     start = nominal(own, port="none").shafts(names, np.zeros(len(names)))
-    with EmulatedBus(range(1, 1 + len(names)), start.tolist()) as bus:
+    with fast_bus(range(1, 1 + len(names)), start.tolist()) as bus:
         calibration = replace(nominal(own, port=bus.path, watchdog_s=1.0), latency_ms=40.0)
         with DynamixelWorld(own, calibration) as world:
             yield world
