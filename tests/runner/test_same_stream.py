@@ -27,11 +27,11 @@ from stancekit.runner.control.tracker import Tracker, command
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.drives import Drives
-from stancekit.runner.worlds.dynamixel import port
 from stancekit.runner.worlds.dynamixel.control_table import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.mujoco import MujocoWorld
 from stancekit.runner.worlds.world import State, make_world
+from tests.emulators.fast_time import fast_bus
 from tests.emulators.memory_world import PATIENT
 from tests.emulators.servo_bus import EmulatedBus
 from tests.refusals import refuses
@@ -80,22 +80,18 @@ def test_a_loop_that_is_sent_a_command_gives_the_torque_at_the_angle() -> None:
     assert np.array_equal(command(replace(drives, yields=False), q, torque, rate, rising), q)
 
 
-def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos_stay_with_the_plan(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(
-        port, "WRITE_S", 2.0
-    )  # the emulator has its turn when a loaded machine gives it one
+def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos_stay_with_the_plan() -> (
+    None
+):
     accepted, simulated = Accepted.verified(light(), "light"), Sent()
     robot = accepted.plan.problem.robot
     world = make_world("mujoco", robot, rate_hz=RATE_HZ, actuators=SERVOS)
     report = Runner(world, settings=RunSettings(blind=True), log=simulated).run(accepted)
     assert report.succeeded, report.message
-    with EmulatedBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
+    with fast_bus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
         calibration = nominal(robot, port=bus.path, watchdog_s=1.0)
         calibration = replace(
             calibration,
-            latency_ms=200.0,  # as above
             joints={
                 name: replace(each, current_a=5.5) for name, each in calibration.joints.items()
             },
