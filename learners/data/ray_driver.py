@@ -56,6 +56,9 @@ def joined(address: str, pipe: Connection) -> Any:
 
     The other side hears when the cluster is asked, and when it has let us in. Raises Refused.
     """
+    head = None if address == "local" else _head_of(address)
+    if head is not None and not answers(head):  # said before Ray is imported
+        raise Refused(f"nothing answers at {head}")
     import ray
 
     raylet: Any = import_module("ray._raylet")  # its stubs lack the client
@@ -71,9 +74,6 @@ def joined(address: str, pipe: Connection) -> Any:
             "_node_ip_address": "127.0.0.2",
         }  # Ray replaces 127.0.0.1
     pipe.send(("asks",))
-    head = None if address == "local" else _head_of(address)
-    if head is not None and not answers(head):
-        raise Refused(f"nothing answers at {head}")
     try:
         if head is not None:
             raylet.GcsClient(

@@ -233,8 +233,8 @@ def test_a_driver_that_dies_hangs_or_gives_up_is_one_line(
 ) -> None:
     (tmp_path / "driver.py").write_text(_driver_that(says))
     monkeypatch.setattr(executors, "DRIVER", (str(tmp_path / "driver.py"),))
-    monkeypatch.setattr(executors, "SILENCE_S", 3.0)
-    monkeypatch.setattr(executors, "START_S", 3.0)
+    for name in ("SILENCE_S", "START_S"):
+        monkeypatch.setattr(executors, name, 0.5 if "sleep" in says else 60.0)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: name)
     with pytest.raises(InvalidInput) as error:
         gather(executor("ray", address="10.0.0.1:1"), [partial(square, 1)])
