@@ -20,9 +20,9 @@ from stancekit.runner.worlds.dynamixel import port
 from . import servo_bus
 from .servo_bus import EmulatedBus
 
-PACE = 3.0
+PACE = 6.0
 """So many times as fast, where a test says nothing else."""
-POLL_S = 0.0002
+POLL_S = 0.0005
 """Who sleeps by the robot's clock looks at it so often, by the computer's."""
 AWAY_S = 0.1
 """A host that has not looked for so long by the computer's clock does something else."""
@@ -127,7 +127,7 @@ def fast_bus(*servos: Any, **settings: Any) -> Iterator[EmulatedBus]:
     with pytest.MonkeyPatch.context() as patched:
         for name in ("time", "select"):
             patched.setattr(servo_bus, name, clock)
-        patched.setattr(port, "_WAIT_S", POLL_S)
+        patched.setattr(port, "_WAIT_S", 0.0002)
         with (
             EmulatedBus(*servos, **settings) as bus,
             on_robot_time("dynamixel", clock.look, bus.is_alive),

@@ -487,7 +487,7 @@ def test_a_robot_that_hears_commands_seconds_late_is_armed_when_it_does_and_does
 
 def test_a_topic_that_a_robot_missed_is_advertised_anew() -> None:
     with ExitStack() as stack:
-        bridge, world = made(stack, 1, misses=True)
+        bridge, world = made(stack, 1, misses=True, rate_hz=50.0)
         world.arm()
         slowly(world, 0, 20)
         ops = [
@@ -502,7 +502,7 @@ def test_a_topic_that_a_robot_missed_is_advertised_anew() -> None:
 @pytest.mark.parametrize("ros", [2])
 def test_a_robot_that_hears_no_command_is_not_armed(ros: Version) -> None:
     with ExitStack() as stack:
-        bridge, world = made(stack, ros, connect_s=60.0)
+        bridge, world = made(stack, ros, connect_s=60.0, rate_hz=50.0)
         topic = f"/joint_trajectory_controller/{'joint_trajectory' if ros == 2 else 'command'}"
         with refuses(topic):
             world.arm()
