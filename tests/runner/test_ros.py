@@ -264,7 +264,8 @@ def test_nonsense_and_silence_are_refused_in_one_line_before_any_motion(kind: st
     with emulated() as bridge:
         bridge.inject(kind)
         time.sleep(0.05)
-        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
+        patience = {"timeout_s": 0.5} if kind == "silent" else {}
+        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK | patience)) as world:
             with pytest.raises(InvalidInput) as refused:
                 reset(world)
             assert "\n" not in str(refused.value)
@@ -306,7 +307,7 @@ def test_a_controller_that_is_not_there_and_angles_beyond_limits_are_refused() -
 def test_a_rosbridge_that_is_absent_or_no_websocket_is_refused_in_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
-        said = refused(same_names(JOINTS, port=port, **QUICK))
+        said = refused(same_names(JOINTS, port=port, timeout_s=0.5))
         assert said.startswith(f"rosbridge ws://127.0.0.1:{port}: expected a rosbridge, ")
         assert said.endswith("what answers there does not speak WebSocket")
     assert "expected a rosbridge, got no answer: " in refused(
