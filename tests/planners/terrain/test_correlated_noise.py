@@ -47,9 +47,12 @@ def errors_in_deviations(found):
     return np.abs(np.concatenate(each))
 
 
-@pytest.mark.parametrize("ground", [stairs(0.01), stairs(0.02), stairs(0.02, 0.01), cloud(0.02)])
-def test_footholds_on_correlated_noise_are_found_and_less_than_three_deviations_off(ground):
-    found = footholds_of(ground)
+@pytest.mark.parametrize(
+    ("made", "numbers"),
+    [(stairs, (0.01,)), (stairs, (0.02,)), (stairs, (0.02, 0.01)), (cloud, (0.02,))],
+)
+def test_footholds_on_correlated_noise_are_found_and_less_than_three_deviations_off(made, numbers):
+    found = footholds_of(made(*numbers))
     true_m = 0.01 if found.noise_m < 0.015 else 0.02
     assert found.noise_m == pytest.approx(true_m, rel=0.5)
     assert found.noise_length_m == pytest.approx(LENGTH_M, rel=0.4)
