@@ -56,7 +56,8 @@ VERTICES = 3
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
 _IN_VAIN = 1e3 * ADMITTED
-"""A moment that a projection itself says it leaves, and that needs no verifier to be refused."""
+"""A moment that is proved to be left, or that a projection itself says it leaves, and that needs no
+verifier to be refused."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -260,19 +261,14 @@ class SelectionTask:
     def _project(
         self, scene: LabelledScene, answer: RelaxationAnswer, envelopes: Sequence[Envelope]
     ) -> _Projected:
-        """From the point of P1 every projection."""
+        """From the point of P1 every projection; none of a scene that is proved to have no posture."""
         begin = time.perf_counter()
         postures: dict[Projection, Plan] = {}
-        if answer.feasible and answer.point is not None:
-            points = {
-                way: project(self._programs, way, scene.scaled, answer.point)
-                for way in self._projections
-            }
-            postures = {
-                way: plan_of(scene.problem, scene.scaled, scene.scaled.numbers, at)
-                for way, at in points.items()
-                if at.residual < _IN_VAIN
-            }
+        if answer.feasible and scene.lower_bound < _IN_VAIN and answer.point is not None:
+            for way in self._projections:
+                at = project(self._programs, way, scene.scaled, answer.point)
+                if at.residual < _IN_VAIN:
+                    postures[way] = plan_of(scene.problem, scene.scaled, scene.scaled.numbers, at)
         judged = Judged(
             scene=scene,
             answer=answer,
@@ -296,7 +292,6 @@ class SelectionTask:
         """Verdict on an action whose postures the verifier accepted."""
         scene, answer, envelope = judged.scene, judged.answer, judged.envelope
         terms = self._terms.of(judged)
-        clock = self._timing
         info = {
             **self.before(scene),
             "p1_feasible": int(answer.feasible),
@@ -309,8 +304,8 @@ class SelectionTask:
             **{self._keys[way]: int(way in judged.postures) for way in self._projections},
             **terms,
             **(margin_info(judged.posture) if self._margins else {}),
-            "p1_seconds": p1_seconds if clock else 0.0,
-            "p2_seconds": p2_seconds if clock else 0.0,
+            "p1_seconds": p1_seconds if self._timing else 0.0,
+            "p2_seconds": p2_seconds if self._timing else 0.0,
         }
         return _Verdict(
             reward=float(sum(terms.values())), info=info, posture=judged.posture, envelope=envelope

@@ -502,9 +502,8 @@ class TraverseEnv(TaskEnv[Problem]):
         terminated = tried.infeasible or tried.executed == 0 or self._frame == course.frames - 1
         truncated = not terminated and self._vain >= self._patience
         info = self._info(course, tried, begin)
-        reward = sum(value for name, value in info.items() if name.startswith("reward_"))
         return Step(
-            reward=reward,
+            reward=sum(value for name, value in info.items() if name.startswith("reward_")),
             terminated=terminated,
             truncated=truncated,
             info=info,

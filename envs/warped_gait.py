@@ -448,14 +448,12 @@ class WarpedGaitEnv(TaskEnv[Walk]):
         else:
             came_to = self.pool.outcome(self._walk, chosen)
         info = self._info(came_to)
-        motion = None if self._found is None else self._found[0]
-        reward = sum(value for name, value in info.items() if name.startswith("reward_"))
         return Step(
-            reward=reward,
+            reward=sum(value for name, value in info.items() if name.startswith("reward_")),
             terminated=True,
             info=info,
             question=episode,
-            answer=motion,
+            answer=None if self._found is None else self._found[0],
             action=action,
         )
 

@@ -533,7 +533,7 @@ class Problem:
             )
         return self.weights
 
-    @property
+    @cached_property
     def unit_m(self) -> float:
         """Unit of lengths for computing: the length scale, or the robot's size where the two differ
         so much that precision would be lost [m].
