@@ -197,6 +197,7 @@ class LabelPostures:
             return 0
         out.print(str(self.folder))
         say(remarks, "  {}")
+        say(record.pop("doubts", ()), "  doubt: {}")
         for name, value in record.items():
             out.print(f"  {name:15} {_plain(value)}")
         return 0
@@ -237,8 +238,7 @@ class LabelPostures:
                 for kind, count in vars(summary.screened).items()
                 if count
             ]
-        remarks += [f"doubt: {doubt}" for doubt in header.doubts or ()]
-        return summary.to_json(), remarks
+        return summary.to_json() | {"doubts": header.doubts or []}, remarks
 
     def _leaps(self, where: Executor, bar: Show) -> tuple[dict[str, Any], list[str]]:
         """The summary of labelled tries, and what their labels mean."""

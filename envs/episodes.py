@@ -21,7 +21,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.motion import Motion
+from stancekit.planners.answer.motion import Motion, doubts_of
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import check_numbers, checked, checked_int
@@ -419,6 +419,7 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
     observation_space: spaces.Space[Any]
     action_space: spaces.Space[Any]
     _terms = Terms(by_key={})
+    _law: Any = None
 
     def __init__(self, render_mode: str | None) -> None:
         self.render_mode = checked_render_mode(render_mode, self.metadata)
@@ -473,6 +474,13 @@ class TaskEnv(gym.Env[dict[str, NDArray[np.float32]], Any], ABC, Generic[Episode
             import matplotlib.pyplot as plt
 
             plt.close(_WINDOW)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Doubts of the robot and the ground, one line each, as an answer has them, which ``info``,
+        numbers alone, cannot say; where courses are drawn those of this episode's.
+        """
+        return doubts_of(self._law or self._now("asking for its doubts"))
 
     def _now(self, before: str) -> Episode:
         """The episode.

@@ -179,11 +179,10 @@ class _Episode:
                 plan = plan_of(numbers, solution, "choice")
                 self.plan = plan if check_leap(plan).accepted else None
         cost = -1.0 if solution is None or not math.isfinite(solution.cost) else solution.cost
-        refuted = solution is not None and solution.refuted
         self._note = {
             "masked": int(masked),
             "repeated": int(repeated),
-            "refuted": int(refuted),
+            "refuted": int(solution is not None and solution.refuted),
             "cost": float(cost),
         }
 

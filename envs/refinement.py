@@ -157,7 +157,7 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
     ) -> None:
         super().__init__(render_mode)
         settings = settings_from(RefinementSettings, options, beside=("problem", "render_mode"))
-        chosen = settings.kind(problem)
+        self._law = chosen = settings.kind(problem)
         self._count = len(chosen.legs)
         self._projection: Projection = settings.projection
         self._budget, self._margins = settings.budget, bool(settings.margins)
@@ -239,7 +239,6 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
         scene, search = episode
         node = search.current if search.open else None
         zeros = np.zeros(6 * self._count)
-        left = max(0.0, 1.0 - search.solves / self._budget)
         return seen(scene) | {
             "low": flat(zeros if node is None else node.box.low, _ROOM),
             "high": flat(zeros if node is None else node.box.high, _ROOM),
@@ -248,7 +247,7 @@ class EnvelopeRefinementEnv(TaskEnv[_Refined]):
             "margin": flat(0.0 if node is None else node.margin, _ROOM),
             "depth": flat(0.0 if node is None else node.depth / _COUNT_UNIT, _ROOM),
             "open": flat(search.open / _COUNT_UNIT, _ROOM),
-            "left": flat(left, _ROOM),
+            "left": flat(max(0.0, 1.0 - search.solves / self._budget), _ROOM),
         }
 
     def _info(self, episode: _Refined) -> dict[str, Any]:

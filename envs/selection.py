@@ -125,7 +125,7 @@ class SelectionTask:
     """
 
     def __init__(self, problem: ProblemSource, settings: SelectionSettings) -> None:
-        chosen = settings.kind(problem)
+        self.law = chosen = settings.kind(problem)
         library = settings.library
         self._problem = chosen.name
         self._count = len(chosen.legs)
@@ -249,12 +249,12 @@ class SelectionTask:
         result = dict[int, RelaxationAnswer]()
         for layout in dict.fromkeys(one.layout for one in scaled):
             these = [index for index, one in enumerate(scaled) if one.layout == layout]
-            problems, boxes = (
+            answers = self._relaxation.answers(
+                self._programs,
                 [scaled[index] for index in these],
                 [asked[index][0] for index in these],
+                [point for index in these if (point := asked[index][1]) is not None],
             )
-            points = [point for index in these if (point := asked[index][1]) is not None]
-            answers = self._relaxation.answers(self._programs, problems, boxes, points)
             result |= zip(these, answers, strict=True)
         return [result[index] for index in range(len(scaled))]
 
@@ -472,6 +472,7 @@ class EnvelopeSelectionEnv(TaskEnv[LabelledScene]):
         super().__init__(render_mode)
         settings = settings_from(SelectionSettings, options, beside=("problem", "render_mode"))
         self._task = SelectionTask(problem, settings)
+        self._law = self._task.law
         self._shown: tuple[Plan | None, Envelope | None] = (None, None)
         self.observation_space = self._task.observation_space
         self.action_space = self._task.action_space

@@ -47,8 +47,6 @@ from .selection import LearnedSelector, class_envelopes
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_DRAWS = 50
-"""Number of draws of a source that has nothing for some toe, before it is given up."""
 _CourseSource = Callable[[np.random.Generator], Problem]
 Courses = Sequence[str | Path | CourseSpec | Mapping[str, Any]] | _CourseSource
 """Sources of courses: names, files and descriptions, also as mappings with a file's keys; or a
@@ -187,15 +185,15 @@ class Perturbed:
 def _with_footing(draw: _CourseSource, rng: np.random.Generator) -> Problem:
     """Draw a course, again where a scene of a family has nothing for some toe.
 
-    Raises PlanningFailed after DRAWS.
+    Raises PlanningFailed after MAX_DRAWS.
     """
-    for _ in range(_DRAWS):
+    for _ in range(MAX_DRAWS):
         try:
             return draw(rng)
         except NoFooting as error:
             refused = error
     raise PlanningFailed(
-        f"no course in {_DRAWS} draws with footing for every toe; the last: {refused}"
+        f"no course in {MAX_DRAWS} draws with footing for every toe; the last: {refused}"
     )
 
 
@@ -328,7 +326,7 @@ def _within(
 
 LOG = logging.getLogger(__name__)
 MAX_DRAWS = 50
-"""Draws until a course whose first key frame holds."""
+"""Draws until a course that offers every toe something, and until one whose first key frame holds."""
 NO_MODE = -1
 """In ``info``: a frame beyond the course's end, or a course that does not say its modes."""
 
@@ -551,7 +549,7 @@ class TraverseEnv(TaskEnv[Problem]):
         coming = range(self._frame + 1, self._frame + 1 + self._horizon)
         modes, outcome, clock = course.modes or (), tried.outcome, float(self._timing)
         effort = Effort() if outcome is None else outcome.effort
-        solves, seconds = effort.solves, clock * effort.seconds
+        seconds = clock * effort.seconds
         return {
             "feasible": int(tried.plan is not None),
             "infeasible": int(tried.infeasible),
@@ -560,7 +558,7 @@ class TraverseEnv(TaskEnv[Problem]):
             "executed": tried.executed,
             "is_success": int(self._frame == course.frames - 1 and tried.executed != 0),
             "frame": self._frame,
-            "solves": solves,
+            "solves": effort.solves,
             "progress_m": tried.progress_m,
             "objective": 0.0 if tried.plan is None or outcome is None else float(outcome.objective),
             "residual": 0.0 if tried.plan is None or outcome is None else float(outcome.residual),
@@ -569,8 +567,8 @@ class TraverseEnv(TaskEnv[Problem]):
             "terrain_modes": np.array([modes[k] if k < len(modes) else NO_MODE for k in coming]),
             "reward_progress": weights.progress * tried.progress_m / _path_length_m(course),
             "reward_feasible": weights.feasible * (tried.plan is not None),
-            "reward_failure": -weights.failure * (tried.failed),
-            "reward_effort": -weights.solve * solves - weights.second * seconds,
+            "reward_failure": -weights.failure * tried.failed,
+            "reward_effort": -weights.solve * effort.solves - weights.second * seconds,
             "plan_seconds": seconds,
             "compile_seconds": clock * effort.compile_s,
             **margin_info(tried.plan if self._margins else None),

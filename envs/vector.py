@@ -121,7 +121,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[A
                 f"actions: expected shape {self.action_space.shape}, got {actions.shape}"
             )
         verdicts = self._task.judge_all(self._at, actions)
-        final, rows = all_seen(self._at), np.full(self.num_envs, None, dtype=object)
+        final, rows = all_seen(self._at), np.empty(self.num_envs, dtype=object)
         rows[:] = [
             {name: values[index] for name, values in final.items()}
             for index in range(self.num_envs)
@@ -130,11 +130,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[A
         begun = self._begin(np.ones(self.num_envs, dtype=np.bool_))
         infos = self._of_all({**begun, "final_obs": rows, "final_info": judged})
         rewards = np.array([verdict.reward for verdict in verdicts])
-        ended, not_cut = (
-            np.ones(self.num_envs, dtype=np.bool_),
-            np.zeros(self.num_envs, dtype=np.bool_),
-        )
-        return all_seen(self._at), rewards, ended, not_cut, infos
+        ended = np.ones(self.num_envs, dtype=np.bool_)
+        return all_seen(self._at), rewards, ended, ~ended, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Draw the scenes that the next actions are for, one picture per sub-environment."""
@@ -160,10 +157,11 @@ class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[A
         """Join the infos of all sub-environments, as Gymnasium's ``_add_info`` does: each beside
         the mask of who has.
         """
-        masked = dict[str, Any]()
-        for name, values in info.items():
-            masked |= {name: values, f"_{name}": np.ones(self.num_envs, dtype=np.bool_)}
-        return masked
+        return {
+            key: value
+            for name, values in info.items()
+            for key, value in ((name, values), (f"_{name}", np.ones(self.num_envs, dtype=np.bool_)))
+        }
 
 
 def _by_key(infos: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:

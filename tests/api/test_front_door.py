@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -181,7 +182,10 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
     answer = stancekit.plan(steep, **ends)  # undecided, or explain asked for a proof
     assert_names(stancekit.explain(answer).message, "steep.obj", "steep")
     with pytest.warns(UserWarning, match="inside out"):
-        answer, rows, heights, mapped = (
+        env, answer, rows, heights, mapped = (
+            gymnasium.make(
+                "stancekit.envs:stancekit/EnvelopeSelection-v0", problem="terrain-3", terrain=mended
+            ),
             stancekit.plan(mended, **ends),
             stancekit.label("terrain-3", tmp_path / "rows", rows=2, terrain=mended),
             stancekit.heights(mended),
@@ -189,14 +193,18 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
         )
     (doubt,) = answer.doubts
     assert_names(doubt, "mended.obj", "1 closed parts")
-    assert rows.header.doubts == [doubt]
+    assert rows.header.doubts == [doubt] == list(env.get_wrapper_attr("doubts"))
     mapped.save(tmp_path / "map.npz")
     assert StandingMap.read(tmp_path / "map.npz").doubts == (doubt,)
     walked = stancekit.walk(heights, (0.2, 0.0), duration_s=2.0, chart="decoupled")
     for found in (answer, walked):
         stancekit.save(found, tmp_path / "kept.json")
-        assert stancekit.load(tmp_path / "kept.json").doubts == found.doubts == (doubt,)
-        assert stancekit.verify(tmp_path / "kept.json").report.doubts == (doubt,)
+        assert (
+            stancekit.load(tmp_path / "kept.json").doubts
+            == stancekit.verify(tmp_path / "kept.json").report.doubts
+            == found.doubts
+            == (doubt,)
+        )
     pillar = np.pad(np.full((5, 5), 1.5), ((48, 28), (38, 38)))
     ground = stancekit.HeightField.from_array(pillar, spacing_m=0.05)
     assert_names(stancekit.walk(ground, (0.5, 0.0)).message, "goal", "1.5 m high")
