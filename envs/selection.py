@@ -199,9 +199,7 @@ class SelectionTask:
                 f"of up to {size[1]} corners"
             )
 
-    def judge_all(
-        self, scenes: Sequence[LabelledScene], actions: Sequence[Any] | NDArray[Any]
-    ) -> list[_Verdict]:
+    def judge_all(self, scenes: Sequence[LabelledScene], actions: Sequence[Any]) -> list[_Verdict]:
         """Relax over the boxes of an action a scene, project, compare with the expert, the postures
         of all verified together: every bit is that of one by one.
         """
@@ -278,15 +276,14 @@ class SelectionTask:
         )
         return judged, time.perf_counter() - begin
 
-    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> _Asked:
+    def _envelopes(self, action: NDArray[Any]) -> _Asked:
         """The boxes of an action, and for relaxations about a point that of the one."""
-        flat = checked_action(action, self.action_space)
         if self._library is not None:
-            return (self._library.envelopes[int(flat)],), None
+            return (self._library.envelopes[int(action)],), None
         if self._relaxation.about_points:
-            bounds, point = np.split(flat, [12 * self._count])
+            bounds, point = np.split(action, [12 * self._count])
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
-        return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
+        return tuple(Envelope.from_vector(row) for row in action.reshape(self._boxes, -1)), None
 
     def _verdict(self, judged: Judged, p1_seconds: float, p2_seconds: float) -> _Verdict:
         """Verdict on an action whose postures the verifier accepted."""
@@ -485,7 +482,7 @@ class EnvelopeSelectionEnv(TaskEnv[LabelledScene]):
 
     def _act(self, episode: LabelledScene, action: NDArray[np.float32] | np.int64) -> Step:
         """Relax over the chosen boxes, project, compare with the expert; the episode ends."""
-        (verdict,) = self._task.judge_all((episode,), (action,))
+        (verdict,) = self._task.judge_all((episode,), (checked_action(action, self.action_space),))
         self._shown = verdict.posture, verdict.envelope
         return Step(reward=verdict.reward, terminated=True, info=verdict.info, action=action)
 

@@ -22,7 +22,13 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.documents import shown
 
-from .episodes import check_options, checked_mask, checked_render_mode, checked_seed
+from .episodes import (
+    check_options,
+    checked_action,
+    checked_mask,
+    checked_render_mode,
+    checked_seed,
+)
 from .scenes import LabelledScene, ProblemSource, all_seen
 from .selection import SelectionSettings, SelectionTask, picture
 
@@ -120,7 +126,9 @@ class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[A
             raise InvalidInput(
                 f"actions: expected shape {self.action_space.shape}, got {actions.shape}"
             )
-        verdicts = self._task.judge_all(self._at, actions)
+        verdicts = self._task.judge_all(
+            self._at, [checked_action(action, self.single_action_space) for action in actions]
+        )
         final, rows = all_seen(self._at), np.empty(self.num_envs, dtype=object)
         rows[:] = [
             {name: values[index] for name, values in final.items()}

@@ -18,6 +18,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
+from gymnasium import spaces
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from stancekit.envs.data.dataset import Dataset, scenes_of
@@ -249,8 +250,7 @@ class _Player:
 
         All scenes are of the same legs.
         """
-        if self._made is None:
-            self._made = self._environment(scenes)
+        self._made = self._made or self._environment(scenes)
         env, source = self._made
         source.deal(scenes)
         infos = rollout(self._learned.selector, env, len(scenes))
@@ -268,6 +268,8 @@ class _Player:
             scenes=source,
             timing=True,
         )
+        if isinstance(learned.selector, FixedSelector):  # envelopes may be wider than an action
+            env.action_space = spaces.Box(-np.inf, np.inf, env.action_space.shape)
         return env, source
 
 
@@ -370,20 +372,20 @@ class Experiment(Strict):
             self.train.seed,
             self.test.seed,
         ):
-            got = self.calibration.seed
             raise InvalidInput(
-                f"calibration.seed: expected another seed than train.seed and test.seed, got {got}"
+                "calibration.seed: expected another seed than train.seed and test.seed, got "
+                f"{self.calibration.seed}"
             )
         for name in self.problems:
             distribution(name, robot=self.robot, terrain=self.terrain)
         for index, method in enumerate(self.methods):
             known = [name for name in METHODS.names() if name != "modes"]
-            if method not in known and ".py:" not in method:
+            if ".py:" in method:
+                METHODS.get(method)  # what is no method is said before anything is labelled
+            elif method not in known:
                 raise InvalidInput(
                     f"methods[{index}]: expected one of {', '.join(known)}, got {method!r}"
                 )
-            if ".py:" in method:
-                METHODS.get(method)  # what is no method is said before anything is labelled
             self.fit.check(method)
         for name in ("problems", "methods", "projections"):
             if not getattr(self, name):
@@ -558,9 +560,14 @@ def markdown(name: str, records: Sequence[Mapping[str, Any]]) -> list[str]:
     }
     ranked = sorted(records, key=lambda row: -row["balanced"])
     counts = f"{records[0]['p1_feasible_of']} feasible and {records[0]['p1_infeasible_of']} infeasible scenes"
-    lines = [f"## {title_of(name)}", "", f"{counts}.", ""]
-    lines += [_row(["", "selector", *_CLAIMS, *(way.replace("_", "-") for way in ways), "P1 [ms]"])]
-    lines += [_row(["---:", "---", *("---:" for _ in keys), "---:"])]
+    lines = [
+        f"## {title_of(name)}",
+        "",
+        f"{counts}.",
+        "",
+        _row(["", "selector", *_CLAIMS, *(way.replace("_", "-") for way in ways), "P1 [ms]"]),
+        _row(["---:", "---", *("---:" for _ in keys), "---:"]),
+    ]
     for rank, row in enumerate(ranked, 1):
         shares = (_share(row, key, bold=row[key] == best[key]) for key in keys)
         lines.append(_row([str(rank), str(row["selector"]), *shares, _shown(row.get("p1_ms"))]))
@@ -588,8 +595,8 @@ def _share(row: Mapping[str, Any], key: str, *, bold: bool) -> str:
     if row[key] is None:
         return "–"
     low, high = row[f"{key}_interval"]
-    value = f"**{100.0 * row[key]:.1f}**" if bold else f"{100.0 * row[key]:.1f}"
-    return f"{value} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
+    mark = "**" if bold else ""
+    return f"{mark}{100.0 * row[key]:.1f}{mark} [{100.0 * low:.1f}, {100.0 * high:.1f}]"
 
 
 def _shown(value: float | None) -> str:
@@ -614,15 +621,11 @@ def _data(experiment: Experiment) -> list[str]:
         if (value := getattr(experiment, key)) is not None
     ]
     proved = (
-        "Every label has a posture or a certificate, which `stancekit verify FOLDER` checks again."
-    )
-    hard = "Infeasible scenes need their moment balance to be so." + (
-        f" Of {', '.join(of)}." if of else ""
-    )
-    made = (
-        "Made with " + ", ".join(f"{name} {version}" for name, version in software().items()) + "."
-    )
-    return [*lines, "", f"{proved} {hard}", "", made, ""]
+        "Every label has a posture or a certificate, which `stancekit verify FOLDER` checks again. "
+        "Infeasible scenes need their moment balance to be so."
+    ) + (f" Of {', '.join(of)}." if of else "")
+    versions = ", ".join(f"{name} {version}" for name, version in software().items())
+    return [*lines, "", proved, "", f"Made with {versions}.", ""]
 
 
 def _cards(records: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -4,6 +4,7 @@ rewards.
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from stancekit.learners.selectors.selector import FixedSelector, Learned
 from stancekit.learners.training.fitting import fit
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 from tests.refusals import refuses
 
@@ -44,20 +45,20 @@ def envelopes(dataset: Dataset) -> EnvelopeSet:
     return fit("quantile", dataset)
 
 
+@pytest.mark.parametrize("wider", [0.0, 0.6])
 def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
-    scenes: list[LabelledScene], envelopes: EnvelopeSet, programs: Programs
+    scenes: list[LabelledScene], envelopes: EnvelopeSet, programs: Programs, wider: float
 ) -> None:
+    box = Envelope.from_vector(  # widened, it is wider than an action may be
+        envelopes.envelopes[0].widened(wider).to_vector().astype(np.float32)
+    )
     score = evaluate(
         "quantile",
-        Learned.fixed("quantile", envelopes),
+        Learned.fixed("quantile", replace(envelopes, envelopes=(box,))),
         scenes,
         problem_class="wall-3",
         projections=("fix-toes",),
     )
-    (box,) = envelopes.envelopes
-    box = type(box).from_vector(
-        box.to_vector().astype(np.float32).astype(np.float64)
-    )  # what an action can say
     right = {True: 0, False: 0}
     for scene in scenes:
         scaled = Scaled.of(scene.problem)
