@@ -126,11 +126,14 @@ class _Reader:
                 root.extend(list(self._joints_to(b)))
             root.append(self._link(b))
         self._tie(root, set(bodies))
-        order = [element for _, element, _ in shape_elements(root)]
         return Mjcf(
             urdf=ElementTree.tostring(root, encoding="unicode"),
             srdf=ElementTree.tostring(self._semantics(base, bodies), encoding="unicode"),
-            hulls={i: [self.corners[each]] for i, each in enumerate(order) if each in self.corners},
+            hulls={
+                i: [self.corners[each]]
+                for i, (_, each, _) in enumerate(shape_elements(root))
+                if each in self.corners
+            },
             guesses=tuple(self.guesses),
             doubts=tuple(self.doubts),
             gaps=tuple(self.gaps),
@@ -150,12 +153,12 @@ class _Reader:
         return chain
 
     def _joints(self, b: int) -> range:
-        first, count = int(self.model.body_jntadr[b]), int(self.model.body_jntnum[b])
-        return range(first, first + count) if count else range(0)
+        first = int(self.model.body_jntadr[b])
+        return range(first, first + int(self.model.body_jntnum[b]))
 
     def _geoms(self, b: int) -> range:
-        first, count = int(self.model.body_geomadr[b]), int(self.model.body_geomnum[b])
-        return range(first, first + count) if count else range(0)
+        first = int(self.model.body_geomadr[b])
+        return range(first, first + int(self.model.body_geomnum[b]))
 
     def _kind(self, j: int) -> int:
         return int(self.model.jnt_type[j])
@@ -452,13 +455,13 @@ def _meet(one: Index, two: Index) -> bool:
 
 def _least(limits: Array) -> float:
     """A drive's range both ways; infinite where one end is open."""
-    low, high = (float(each) for each in limits)
+    low, high = map(float, limits)
     return min(abs(low), abs(high)) if low < 0.0 < high else 0.0
 
 
 def _matrix(quaternion: Array) -> Array:
     """R of a unit quaternion w, x, y, z, shape (3, 3)."""
-    w, x, y, z = np.asarray(quaternion, dtype=np.float64) / np.linalg.norm(quaternion)
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.asarray(np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross)
 

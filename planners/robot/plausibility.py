@@ -186,16 +186,15 @@ def _inertia_doubt(mass: float, moments: Array, size_m: float, slight: float) ->
     why = impossible(mass, moments)
     if why and not (mass >= 0.0 and moments[0] >= -_ROUNDED_KGM2 and moments[2] <= slight):
         return why
-    most = _FAR * mass * size_m**2
-    if mass > 0.0 and moments[2] > max(most + _ROUNDED_KGM2, slight):
+    if mass > 0.0 and moments[2] > max(_FAR * mass * size_m**2 + _ROUNDED_KGM2, slight):
         return f"a moment of inertia of {moments[2]:.3g} kg m², of {mass:.3g} kg within {size_m:.2g} m: other units?"
     return ""
 
 
 def _size_m(name: str, centre: Array, shapes: Sequence[Shape], reach_m: float) -> float:
     """Extent of a link from its centre of mass; where it has no shape, as far as a leg [m]."""
-    own = (link_points(shape) for shape in shapes if shape.link == name)
-    points = [each for each in own if each is not None]
+    own = [shape for shape in shapes if shape.link == name]
+    points = [each for each in map(link_points, own) if each is not None]
     if not points:
         return reach_m
     return float(np.linalg.norm(np.vstack(points) - centre, axis=1).max())

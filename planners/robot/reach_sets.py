@@ -301,9 +301,18 @@ def workspaces_of(robot: RobotModel, *, cached: bool = True) -> tuple[Workspace,
             folder that cannot be written to keeps none.
 
     Raises:
-        InvalidInput: for a leg that reaches no volume, as one with a single joint.
+        InvalidInput: for a leg that reaches no volume, as one with a single joint, or less than its
+            foot is large.
     """
-    return tuple(_kept(leg) if cached else workspace_of(leg) for leg in robot.legs)
+    measured = tuple(_kept(leg) if cached else workspace_of(leg) for leg in robot.legs)
+    for leg, each in zip(robot.legs, measured, strict=True):
+        if each.ball_m[3] <= leg.radius_m:
+            raise InvalidInput(
+                f"leg {leg.name}: expected room for its foot, {leg.radius_m:g} m, in what it surely "
+                f"reaches, got {each.ball_m[3]:.3g} m: say other limits or another posture_rad "
+                "in a YAML file"
+            )
+    return measured
 
 
 def _kept(leg: Leg) -> Workspace:

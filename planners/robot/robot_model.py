@@ -624,14 +624,13 @@ def _legs(
 
 
 def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:
-    mimics = {joint.get("name", ""): joint.find("mimic") for joint in root.findall("joint")}
-    for leg in legs:
-        for name in leg.joint_names:
-            if (mimic := mimics.get(name)) is not None:
-                raise InvalidInput(
-                    f"joint {shown(name)}: expected a joint of its own, it mimics "
-                    f"{mimic.get('joint')}"
-                )
+    of_legs = {name for leg in legs for name in leg.joint_names}
+    for joint in root.findall("joint"):
+        name, mimic = joint.get("name", ""), joint.find("mimic")
+        if name in of_legs and mimic is not None:
+            raise InvalidInput(
+                f"joint {shown(name)}: expected a joint of its own, it mimics {mimic.get('joint')}"
+            )
 
 
 def _stand(

@@ -178,11 +178,7 @@ def remove_root_joint(root: Element) -> bool:
             if (parent := joint.find("parent")) is not None
             and parent.get("link") == world.get("name")
         ]
-        empty = (
-            world.find("inertial") is None
-            and world.find("collision") is None
-            and world.find("visual") is None
-        )
+        empty = not {"inertial", "collision", "visual"} & {child.tag for child in world}
         if empty and len(roots) == 1 and roots[0].get("type") in _FLYING:
             root.remove(roots[0])
             root.remove(world)

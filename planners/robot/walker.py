@@ -176,7 +176,9 @@ def with_mass(model: RobotModel, mass_kg: float) -> RobotModel:
     loads = {
         link.get("name", ""): mass
         for link in root.findall("link")
-        if (mass := link.find("inertial/mass")) is not None and _rides(model, link.get("name", ""))
+        if (mass := link.find("inertial/mass")) is not None
+        and (mount := model.mounts.get(link.get("name", ""))) is not None
+        and mount.leg is None
     }
     if not loads:
         raise InvalidInput(
@@ -216,12 +218,6 @@ def _standing_rad(legs: Sequence[Leg]) -> dict[str, float]:
         for leg in legs
         for joint, angle in zip(leg.joint_names, leg.stance_rad.tolist(), strict=True)
     }
-
-
-def _rides(model: RobotModel, link: str) -> bool:
-    """Tell whether a link goes with the base."""
-    mount = model.mounts.get(link)
-    return mount is not None and mount.leg is None
 
 
 _SAME_M = 1e-12

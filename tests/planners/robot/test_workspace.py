@@ -133,10 +133,9 @@ def test_inner_sets_are_reached_and_cover_most_of_what_is_of_use(measured: Measu
 
 def test_joints_with_narrow_ranges_leave_room_to_plan_in() -> None:
     (leg,) = model_of(quadruped(("LF",))).legs
-    limits = ((-0.25, 0.25), (0.2, 1.0), (-1.6, -0.9))
     joints = [
         replace(joint, lower_rad=low, upper_rad=high)
-        for joint, (low, high) in zip(leg.joints, limits, strict=True)
+        for joint, low, high in zip(leg.joints, (-0.25, 0.2, -1.6), (0.25, 1.0, -0.9), strict=True)
     ]
     workspace = workspace_of(
         replace(leg, joints=tuple(joints), stance_rad=np.array([0, 0.6, -1.2]))
@@ -207,6 +206,8 @@ def test_flat_sets_and_legs_without_an_inside_are_refused() -> None:
         parts += [joint(f"{n}_{i}", ("base", f"{n}0")[i], f"{n}{i}", "0 0 -.3") for i in range(2)]
     with refuses("leg a"):
         workspaces_of(model_of(robot(parts), feet={"a": "a1", "b": "b1"}), cached=False)
+    with refuses("leg LF", "room for its foot, 0.3 m", "posture_rad"):
+        workspaces_of(model_of(quadruped(("LF",)).replace('radius="0.02"', 'radius="0.3"')))
 
 
 def test_workspaces_are_kept_leg_by_leg_and_read_again(
@@ -217,8 +218,7 @@ def test_workspaces_are_kept_leg_by_leg_and_read_again(
     first = workspaces_of(one)
     second = {*(tmp_path / "workspaces").iterdir()}
     assert len(second) == 2
-    again = workspaces_of(one)
-    for before, after in zip(first, again, strict=True):
+    for before, after in zip(first, workspaces_of(one), strict=True):
         np.testing.assert_array_equal(before.inner.normals, after.inner.normals)
         np.testing.assert_array_equal(before.ball_m, after.ball_m)
         assert (before.cover, before.unreachable) == (after.cover, after.unreachable)
