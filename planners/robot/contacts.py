@@ -156,6 +156,8 @@ _DIRECTIONS = 400
 """Directions all over a sphere in which a ball's surface is looked at."""
 _ENOUGH = 3000
 """Corners of a ball from which it is known to be one."""
+_FINE = 0.05
+"""Points on a foot's surface to which a ball is fitted are so far apart, as a share of its size."""
 _DIGITS = 9
 """Decimals of a ball's centre and radius as a URDF has them [m]."""
 _FARTHER_M = 1e-3
@@ -295,11 +297,12 @@ def is_wheel(pieces: Sequence[_Placed], axis: Array, up: Array) -> bool:
     """
     if abs(float(axis @ up)) > _WHEEL:
         return False
-    ends = [np.zeros((0, 3))]
-    for shape, (rotation, origin_m), _ in pieces:
-        if (corners := shape.points_m) is not None:
-            ends.append(origin_m + corners @ rotation.T)
-    points = np.vstack(ends)
+    ends = [
+        origin_m + corners @ rotation.T
+        for shape, (rotation, origin_m), _ in pieces
+        if (corners := shape.points_m) is not None
+    ]
+    points = np.vstack([np.zeros((0, 3)), *ends])
     turn = np.linspace(0.0, 2.0 * np.pi, 36, endpoint=False)[:, None]
     rims = np.cos(turn) * up + np.sin(turn) * np.cross(axis, up)
     radii = (rims @ points.T).max(axis=1, initial=0.0)
@@ -441,32 +444,23 @@ def check_contacts(
 
 def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> str:
     """An example for a message: the YAML entry that would describe a leg's foot as the ball nearest
-    to its shape, or as the point at the end of the leg.
+    to its surface, or where that is no ball, as the point at the end of the leg: the middle of what
+    is farthest from the last joint.
     """
     solid = solid_shapes([shape for shape in shapes if shape.link == leg.foot])
     corners = [points for points in map(link_points, solid) if points is not None]
-    mount = mounts[leg.foot]
+    mount, why = mounts[leg.foot], "the point at its end"
     middle, radius_m = mount.rotation.T @ (leg.chain.tip_m - mount.origin_m), 0.0
-    why = "the point at its end"
-    if corners and (ball := _nearest_ball(np.vstack(corners))) is not None:
-        middle, radius_m = ball[:2]
-        why = f"the ball nearest to its shape, {1e3 * ball[2]:.1f} mm off at most"
+    if corners and hull_of(points := np.vstack(corners)) is not None:
+        far_m = np.linalg.norm(mount.placed(points), axis=1)
+        middle = points[far_m >= far_m.max() - _FARTHER_M].mean(axis=0)
+        centre, away = _about(surface_points(points, _FINE * np.ptp(points)))
+        if away.max() <= 3.0 * away.min():  # a rod is no ball
+            middle, radius_m = centre, 0.5 * (away.min() + away.max())
+            off_mm = 500.0 * np.ptp(away)
+            why = f"the ball nearest to its shape, {off_mm:.1f} mm off at most"
     point = ", ".join(f"{round(float(value), 4) + 0.0:g}" for value in middle)
     return f"e.g. {{{leg.foot}: {{point_m: [{point}], radius_m: {radius_m:.4g}}}}}, {why}"
-
-
-def _nearest_ball(points_m: Array) -> tuple[Array, float, float] | None:
-    """Centre and radius of the ball of least squares about corners, shape (V, 3), and how far they
-    are from it [m].
-
-    None where more than a tenth of the corners are nearer to its centre than half of its radius: a
-    rod is no ball.
-    """
-    middle, away = _about(points_m)
-    radius_m = float(away.max())
-    if len(points_m) < 4 or float(np.quantile(away, 0.1)) < 0.5 * radius_m:
-        return None
-    return middle, radius_m, radius_m - float(away.min())
 
 
 def _about(points_m: Array) -> tuple[Array, Array]:
@@ -474,9 +468,9 @@ def _about(points_m: Array) -> tuple[Array, Array]:
     from it [m].
     """
     shift = points_m.mean(axis=0)
-    rows = np.column_stack([2.0 * (points_m - shift), np.ones(len(points_m))])
-    squares = np.sum((points_m - shift) ** 2, axis=1)
-    middle = np.linalg.lstsq(rows, squares, rcond=None)[0][:3] + shift
+    apart = points_m - shift
+    rows = np.column_stack([2.0 * apart, np.ones(len(apart))])
+    middle = np.linalg.lstsq(rows, np.sum(apart**2, axis=1), rcond=None)[0][:3] + shift
     return middle, np.linalg.norm(points_m - middle, axis=1)
 
 

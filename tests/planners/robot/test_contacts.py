@@ -68,11 +68,25 @@ def test_a_mesh_with_corners_is_a_point(tmp_path: Path) -> None:
     assert all(leg.radius_m == 0.0 for leg in with_feet(tmp_path, box).legs)
 
 
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        ('<box size=".06 .04 .02"/>', "LF_FOOT: {point_m: [0, 0, -0.01], radius_m: 0}"),
+        ('<cylinder radius=".01" length=".1"/>', "point_m: [0, 0, -0.05], radius_m: 0}"),
+        ('<box size=".04 .04 .04"/>', "LF_FOOT: {point_m: [0, 0, 0], radius_m: 0.02733"),
+    ],
+)  # of a cube of half side a the ball between inner and outer one is of (1 + √3) a / 2, 0.0273 m
+def test_the_line_to_paste_is_a_ball_that_is_as_near_to_the_foot_as_it_says(
+    shape: str, said: str
+) -> None:
+    model = model_of(quadruped().replace('<sphere radius="0.02"/>', shape))
+    with refuses(said):
+        model.check_known()
+
+
 def test_what_a_ball_may_lack() -> None:
     points = corners()
-    found = fitted_ball(points)
-    assert found is not None
-    np.testing.assert_allclose(found[0], MIDDLE, atol=1e-9)
+    np.testing.assert_allclose(fitted_ball(points)[0], MIDDLE, atol=1e-9)
     flattened = MIDDLE + (points - MIDDLE) * [1.0, 1.0, 0.5]
     assert fitted_ball(flattened) is None
     aside = np.clip(
@@ -85,9 +99,8 @@ def test_what_a_ball_may_lack() -> None:
     away = points - MIDDLE
     top = MIDDLE + np.array([0.0, 0.0, 0.0245])
     topped = np.vstack([points[away[:, 2] < 0.024], top])
-    found = fitted_ball(topped)  # one corner on top, farther from the ball than others may be
-    assert found is not None
-    assert found[1] == pytest.approx(0.03, rel=0.03)
+    # one corner on top, farther from the ball than others may be
+    assert fitted_ball(topped)[1] == pytest.approx(0.03, rel=0.03)
     turns = np.linspace(0.0, 2.0 * np.pi, 40)
     can = np.array([[np.cos(t), np.sin(t), z] for t in turns for z in (-1.0, 1.0)])
     assert fitted_ball(can) is None
