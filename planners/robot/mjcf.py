@@ -98,14 +98,9 @@ class _Reader:
         kinds, geoms, model = self.mujoco.mjtJoint, self.mujoco.mjtGeom, self.model
         self.free, self.ball = int(kinds.mjJNT_FREE), int(kinds.mjJNT_BALL)
         self.slide = int(kinds.mjJNT_SLIDE)
-        self.tags = {
-            int(geoms.mjGEOM_SPHERE): "sphere",
-            int(geoms.mjGEOM_BOX): "box",
-            int(geoms.mjGEOM_CAPSULE): "capsule",
-            int(geoms.mjGEOM_CYLINDER): "cylinder",
-            int(geoms.mjGEOM_ELLIPSOID): "mesh",
-            int(geoms.mjGEOM_MESH): "mesh",
-        }
+        tags = ("sphere", "box", "capsule", "cylinder", "mesh")
+        self.tags = {int(getattr(geoms, f"mjGEOM_{tag.upper()}")): tag for tag in tags}
+        self.tags[int(geoms.mjGEOM_ELLIPSOID)] = "mesh"
         paired = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
         self.colliding = [
             bool(model.geom_contype[g] or model.geom_conaffinity[g] or g in paired)

@@ -289,12 +289,13 @@ def rest_angles(root: Element, legs: Sequence[Leg]) -> dict[str, float]:
 def rest_gaps(root: Element, legs: Sequence[Leg]) -> Iterator[str]:
     """Points to settle of the joints that no leg has: those that follow a joint of a leg."""
     of_legs = {name for leg in legs for name in leg.joint_names}
-    joints = {joint.get("name", ""): joint for joint in root.findall("joint")}
     mimics = {
-        name: mimic for name, joint in joints.items() if (mimic := joint.find("mimic")) is not None
+        joint.get("name", ""): mimic
+        for joint in root.findall("joint")
+        if joint.get("type") != "fixed" and (mimic := joint.find("mimic")) is not None
     }
-    for name, joint in joints.items():
-        if name in mimics and name not in of_legs and joint.get("type") != "fixed":
+    for name in mimics:
+        if name not in of_legs:
             leader = _leader(name, mimics)
             if leader in of_legs or leader in mimics:
                 yield (

@@ -407,7 +407,7 @@ def _in_degrees(low: float, high: float) -> bool:
     """Tell whether limits can only be meant in degrees: several turns wide, or far from 0, and no
     wider than a turn of 360.
     """
-    far = high - low > _MOST_RAD or min(abs(low), abs(high)) > _MOST_RAD
+    far = max(high - low, min(abs(low), abs(high))) > _MOST_RAD
     return far and max(abs(low), abs(high)) <= _MOST_DEGREES
 
 
@@ -417,7 +417,7 @@ def number_in(element: Element | None, key: str, where: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise InvalidInput(f"{where}: {key}: expected a number, got {shown(text)}") from None
+        value = math.nan
     if math.isnan(value):
         raise InvalidInput(f"{where}: {key}: expected a number, got {shown(text)}")
     return value

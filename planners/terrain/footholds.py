@@ -436,6 +436,7 @@ def read_footholds(
 
     with doubts() as heard:
         terrain = read_terrain(path, options)
-    if isinstance(terrain, TriangleMesh):
-        terrain.check_size()
-    return replace(footholds_of(terrain, limits, friction), doubts=tuple(heard))
+        if isinstance(terrain, TriangleMesh):
+            terrain.check_size()
+        found = footholds_of(terrain, limits, friction)
+    return replace(found, doubts=tuple(heard))

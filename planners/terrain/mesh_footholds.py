@@ -32,6 +32,7 @@ from .facets import (
     smoothed,
 )
 from .footholds import REASONS, FootholdLimits, Footholds, Rung, TerrainPatch, held_on_both_sides
+from .import_options import doubt
 from .patch import THICKNESS_M, Patch
 from .polygon import SMALLEST_M
 from .triangle_mesh import TriangleMesh, connected, doubled
@@ -184,10 +185,11 @@ def _with_depths(patches: Sequence[Patch], mesh: TriangleMesh) -> tuple[Patch, .
     """Patches of a mesh, those as thin as their solid whose solid is thinner than usual."""
     if not patches:
         return ()
-    places = list[Array]()
-    for patch in patches:
-        middle = patch.centre_m
-        places.append(np.vstack([middle, patch.vertices_m + _INWARD * (middle - patch.vertices_m)]))
+    places = [
+        np.vstack([middle, patch.vertices_m + _INWARD * (middle - patch.vertices_m)])
+        for patch in patches
+        for middle in [patch.centre_m]
+    ]
     owner = np.repeat(np.arange(len(patches)), [len(each) for each in places])
     ways = -np.array([patch.normal for patch in patches])[owner]
     depths = np.full(len(patches), np.inf)
@@ -247,7 +249,8 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
     """The footholds of a mesh; its other facets are surfaces only."""
     rungs, corners = _rungs_of(mesh, limits.slope_rad, 2.0 * limits.inset_m), mesh.spread_m
     flat = np.ones(len(corners), dtype=bool)
-    flat[np.concatenate([np.zeros(0, dtype=np.int_), *(rung.triangles for rung in rungs)])] = False
+    for rung in rungs:
+        flat[rung.triangles] = False
     facets = facets_of(mesh, flat)
     around = _Around(mesh, limits.headroom_m)
     refused = dict.fromkeys(REASONS, 0.0)
@@ -273,6 +276,16 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
     if rungs:
         pieces += _on_rungs(rungs, len(facets), mesh, around, limits, friction, refused)
     facets = _one_sided([*facets, *facets_of(mesh, ~flat)], tops)
+    backs = [
+        replace(facet, plane=replace(facet.plane, normal=-facet.plane.normal))
+        for facet in facets
+        if facet.plane.normal[2] < -0.8 and np.isfinite(around.lowest[facet.triangles[0]])
+    ]
+    if (bare := sum(back.area for back in around.outside(backs))) > limits.least_m**2:
+        doubt(
+            f"{mesh.name}: {bare:.3g} m² of open sheets face down, and are no ground: turn their "
+            "normals, unless they are ceilings"
+        )
     return Footholds(
         name=mesh.name,
         pieces=tuple(pieces),
@@ -430,7 +443,7 @@ class _Around:
         )
         lowest[piece[border]] = np.inf
         np.minimum.at(lowest, piece, mesh.corners_m[:, 2])
-        self._lowest = lowest[piece[mesh.triangles[:, 0]]]
+        self.lowest = lowest[piece[mesh.triangles[:, 0]]]
         self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
         self._tree = self._shapely.STRtree(
             self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T)
@@ -550,7 +563,7 @@ class _Around:
                 & (s + t <= 1.0)
                 & (s * u[triangle, 2] + t * v[triangle, 2] > way[:, 2])
             )
-        hit &= (own[triangle] != facet_of[point]) & (self._lowest[triangle] <= tops[point])
+        hit &= (own[triangle] != facet_of[point]) & (self.lowest[triangle] <= tops[point])
         return np.bincount(point[hit], weights=np.sign(of[hit]), minlength=len(points)).astype(
             np.int_
         )
