@@ -284,8 +284,7 @@ def test_rows_of_joints_have_the_derivatives_of_legs_that_bend(plan: Motion):
 
 
 def test_toes_are_unloaded_before_they_lift_and_the_flight_says_what_legs_turn(plan: Motion):
-    bender = LeapBender(Programs())
-    first, eased = bender.bent(plan)
+    first, eased = LeapBender(Programs()).bent(plan)
     assert first.accepted
     assert eased.accepted
     leap, before = eased.plan.problem, plan.problem

@@ -241,8 +241,7 @@ def test_a_walkers_boxes_become_half_spaces_with_limits_of_its_file() -> None:
     provider_folder("example-robot-data") is None, reason="example-robot-data is not installed"
 )
 def test_a_models_legs_have_the_speed_and_power_of_their_joints() -> None:
-    robot = leaping_robot("go1")
-    leg = robot.limbs[0].leg
+    leg = leaping_robot("go1").limbs[0].leg
     assert leg is not None
     assert leg.power_w == pytest.approx(3 * 23.7 * 30.1, rel=0.01)
     assert 2.0 < leg.speed_m_s < 4.0

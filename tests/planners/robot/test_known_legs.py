@@ -150,8 +150,7 @@ def test_the_hexapod_is_its_limbs_in_files_and_its_urdf_ships() -> None:
 
 
 def test_a_plan_of_unknown_legs_has_no_joints(plan: Motion) -> None:
-    forged = replace(plan, joints_rad=np.zeros((plan.problem.frames, 16)))
-    report = check_plan(forged)
+    report = check_plan(replace(plan, joints_rad=np.zeros((plan.problem.frames, 16))))
     assert not report.accepted
     assert_names(report.message, "joints_rad", "(3, 16)")
 

@@ -278,8 +278,7 @@ def test_pairs_that_never_meet_are_never_looked_at(tmp_path: Path) -> None:
 
 
 def test_a_urdf_in_an_xml_file_is_one(tmp_path: Path) -> None:
-    urdf = read(quadruped(), tmp_path).urdf
-    again = read(urdf, tmp_path)
+    again = read(read(quadruped(), tmp_path).urdf, tmp_path)
     assert again.leg_names == ("FL", "FR", "RL", "RR")
     assert again.mass_kg == pytest.approx(read(quadruped(), tmp_path).mass_kg)
 

@@ -57,8 +57,7 @@ def stepped(course: Problem, share: float) -> Problem:
 
 
 def test_sides_cover_all_directions_and_each_half_space_holds_its_own_long_enough_steps():
-    rng = np.random.default_rng(0)
-    steps = rng.normal(size=(300, 3))
+    steps = np.random.default_rng(0).normal(size=(300, 3))
     steps /= np.linalg.norm(steps, axis=1)[:, None]
     sides, seen, tightest = parts(None), 0, []
     assert len(sides) == 8

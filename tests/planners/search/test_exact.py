@@ -542,8 +542,7 @@ def test_boxes_met_with_their_cones_change_no_bound(climb, programs):
 
 
 def test_at_its_limit_the_plan_stays_and_the_bound_says_how_far_it_may_be_off(climb, programs):
-    course = climb(GAPPED[1])
-    outcome = Exact(programs=programs, max_nodes=3).solve(course)
+    outcome = Exact(programs=programs, max_nodes=3).solve(climb(GAPPED[1]))
     assert outcome.status is Status.FEASIBLE
     assert outcome.claim == ""
     assert_names(outcome.message, "3 nodes")
@@ -569,8 +568,7 @@ def scip(course, *, nodes):
     """Best objective and bound [m²] that SCIP has for the true bilinear problem, written from the
     course's numbers.
     """
-    pyscipopt = pytest.importorskip("pyscipopt")
-    model = pyscipopt.Model()
+    model = pytest.importorskip("pyscipopt").Model()
     model.hideOutput()
     model.setParam("limits/nodes", nodes)
     model.setParam("limits/gap", 1e-3)

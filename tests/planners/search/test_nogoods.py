@@ -92,8 +92,7 @@ def test_on_one_choice_only_cuts_and_forces_are_left_of_its_subtree(hard):
     for course, nogoods in hard:
         for number, entry in enumerate(nogoods.entries):
             there = Scaled.of(course).opened() * entry.refuted
-            first = np.eye(there.shape[1])[there.argmax(axis=1)]
-            tree, rows = nogoods.rows(number, first)
+            tree, rows = nogoods.rows(number, np.eye(there.shape[1])[there.argmax(axis=1)])
             assert {row[0] for row in tree} <= {0.0, 2.0, 3.0}
             assert len(tree) == 2 * len(rows) - 1
             whole, more = nogoods.rows(number, there)

@@ -92,8 +92,7 @@ def test_a_body_turns_on_from_how_it_stands_and_steps_from_where_it_may_be(cours
 
 
 def test_a_walk_that_stops_early_is_a_plan_of_the_beginning(planner, course):
-    plans = walked(planner, course, 2)[:2]
-    walk = joined(course, plans)
+    walk = joined(course, walked(planner, course, 2)[:2])
     assert walk.problem.frames == 3
     assert check_plan(walk).accepted
     assert {stance.limbs for stance in walk.problem.stances if stance.frame == 2} == {

@@ -70,8 +70,7 @@ def test_a_box_that_is_inside_out_is_found_whatever_it_touches(neighbour, flippe
 
 
 def test_any_one_of_many_touching_boxes_is_found():
-    rng = np.random.default_rng(7)
-    heights = rng.choice([0.5, 1.0, 1.5], size=(4, 4))
+    heights = np.random.default_rng(7).choice([0.5, 1.0, 1.5], size=(4, 4))
     places = [((i, j, 0.0), (i + 1.0, j + 1.0, heights[i, j])) for i in range(4) for j in range(4)]
     assert judged(*(box(*place) for place in places)) is None
     for wrong in range(16):

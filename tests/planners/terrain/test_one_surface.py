@@ -103,8 +103,7 @@ def test_planes_four_millimetres_apart_stay_two(digits, riser):
 def test_two_planes_that_meet_stay_two(lean):
     x = np.repeat([-1.0, 0.0, 1.0], 2)
     corners = np.column_stack([x, np.tile([-0.5, 0.5], 3), lean * np.abs(x)])
-    triangles = [[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]]
-    small = cut(corners, triangles, 0.1)
+    small = cut(corners, [[0, 2, 3], [0, 3, 1], [2, 4, 5], [2, 5, 3]], 0.1)
     for digits in (9, 3):
         found = footholds(small[0].round(digits), small[1])
         leans = sorted(piece.patch.normal[0] for piece in found.pieces if piece.area_m2 > 0.1)

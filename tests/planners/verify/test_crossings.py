@@ -32,8 +32,7 @@ def climb() -> Motion:
 
 
 def test_a_part_of_another_robot_is_refused(climb: Motion) -> None:
-    leap = stancekit.load(LEAP, Motion)
-    report = check_crossing(crossing("forged", climb, leap))
+    report = check_crossing(crossing("forged", climb, stancekit.load(LEAP, Motion)))
     assert not report.accepted
     assert_names(report.message, "part 2", "robot", "part 1")
 

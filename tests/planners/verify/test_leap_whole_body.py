@@ -133,8 +133,7 @@ def test_a_body_that_still_spins_after_its_leap_is_refused_whatever_spin_the_lea
     momentum, turn = np.array(plan.momentum_m2_s), np.array(plan.rotation_rad)
     momentum[-1] += gained / leap.robot.mass_kg
     turn[-1] += 0.5 * step_s * np.linalg.solve(leap.robot.inertia, gained)
-    limits = replace(leap.limits, momentum_m2_s=1e6)
-    leap = replace(leap, limits=limits)
+    leap = replace(leap, limits=replace(leap.limits, momentum_m2_s=1e6))
     assert check_leap(replace(plan, problem=leap), body=True).accepted
     spun = replace(plan, problem=leap, forces_n=forces, momentum_m2_s=momentum, rotation_rad=turn)
     assert [group.name for group in check_leap(spun).refused] == ["momentum"]

@@ -150,8 +150,7 @@ def test_what_forces_near_the_plans_show_is_never_more_than_there_is(
 def test_a_plan_bears_the_push_that_is_asked_for() -> None:
     plain = stancekit.plan("stairs", frames=6, settings=stancekit.PlanSettings(margins=True))
     assert plain.report is not None
-    least_n = plain.report.group(MARGIN).figures["push_n"]
-    wanted_n = 1.5 * least_n
+    wanted_n = 1.5 * plain.report.group(MARGIN).figures["push_n"]
     found = stancekit.plan("stairs", frames=6, settings=stancekit.PlanSettings(push_n=wanted_n))
     assert found.status is stancekit.Status.FEASIBLE
     assert found.solution is not None

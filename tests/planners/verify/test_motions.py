@@ -125,8 +125,7 @@ def test_a_robot_at_rest_does_not_lean_beyond_its_feet_for_seconds(
     still["origin_m"] += [*way, 0.0]
     names = ("angles_rad", "origin_m", "quaternion", "contact")
     columns = {"time_s": moved.table.time_s} | {name: still[name] for name in names}
-    table = replace(moved.table, columns=columns)
-    group = judged(table, moved).group("balance")
+    group = judged(replace(moved.table, columns=columns), moved).group("balance")
     # the least of force and moment that are missing leans on friction, too, as far below as the feet
     heights_m = np.array([moved.robot.legs.stand_height_m, com[2]])
     assert group.value == pytest.approx(4.0 * beyond_m / np.linalg.norm(heights_m), rel=0.05)

@@ -55,8 +55,7 @@ def test_a_schedule_says_who_carries_on_which_foothold(walk):
 
 @pytest.mark.parametrize(("gait", "ways"), [("tripod", 4), ("wave", 4), ("shift", 4), ("all", 0)])
 def test_a_walk_in_closed_form_is_accepted(gait, ways, walk):
-    plan = walk(5, gait)
-    report = check_plan(plan)
+    report = check_plan(walk(5, gait))
     assert report.accepted
     assert bool(report.hindrance) == (not ways)
     assert report.worst < 1e-12

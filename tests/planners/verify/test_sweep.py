@@ -60,8 +60,7 @@ def test_the_sweep_finds_what_the_check_of_every_stance_finds(walk, seed, gait, 
 @given(SEEDS, st.sampled_from(["tripod", "wave", "shift"]))
 @settings(max_examples=20, deadline=None)
 def test_the_sweep_finds_what_the_check_of_every_point_between_finds(walk, seed, gait):
-    rng = np.random.default_rng(seed)
-    plan = perturbed(walk(4, gait), rng, 0.3)
+    plan = perturbed(walk(4, gait), np.random.default_rng(seed), 0.3)
     course, names = plan.problem, plan.problem.robot.limb_names
     worst = 0.0
     for k in range(course.frames - 1):

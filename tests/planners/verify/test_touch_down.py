@@ -20,8 +20,7 @@ from stancekit.planners.verify.plans import ground_group
 
 @pytest.fixture(scope="module")
 def answer():
-    rng = np.random.default_rng(0)
-    heights = 0.01 * rng.standard_normal((101, 61))
+    heights = 0.01 * np.random.default_rng(0).standard_normal((101, 61))
     found = stancekit.terrain(stancekit.HeightField.from_array(heights, spacing_m=0.02))
     return stancekit.plan(found, start=[-0.2, 0.0], goal=[0.1, 0.0])
 
@@ -117,8 +116,7 @@ def test_a_plan_that_hides_how_unsure_its_ground_is_is_judged_by_the_terrain(ans
     assert check_plan(hidden).group("ground").verdict == "violated"
     last = plan.problem.patch(len(plan.toes_m) - 1, plan.choice)
     sure = replace(last.certainty, inset_m=9.0)  # far from its edges, it says
-    place = beside_the_border(plan, 0.0)
-    group = ground_group(of_another_hand(plan, place, sure))
+    group = ground_group(of_another_hand(plan, beside_the_border(plan, 0.0), sure))
     assert group.verdict == "violated"
     assert 0.3 < group.value < 0.7  # on the edge
 

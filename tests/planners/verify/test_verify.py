@@ -438,8 +438,7 @@ def test_no_force_of_box_and_cone_does_less_than_the_least_work(slack):
 
 
 def test_the_least_work_agrees_with_a_conic_solver():
-    rng = np.random.default_rng(3)
-    rows = random_forces(rng, 60)
+    rows = random_forces(np.random.default_rng(3), 60)
     f, a, low, high, mu = (
         cp.Variable(3),
         cp.Parameter(3),
@@ -917,8 +916,7 @@ def test_a_bent_patch_is_not_refuted_in_the_gap_between_its_pieces(seed):
     """A toe inside the hull of a bent patch but off all pieces: the proof that no piece is there
     must not count.
     """
-    rng = np.random.default_rng(seed)
-    patch = polygon_patch(rng, bend=1.5e-3, corners=4)
+    patch = polygon_patch(np.random.default_rng(seed), bend=1.5e-3, corners=4)
     one, other = cut(patch.vertices_m, 0.0, 2.0)
     toe = patch.centre_m
     away = [np.asarray(np.cross(p[1] - p[0], p[2] - p[0])) for p in (one, other)]
