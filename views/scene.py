@@ -21,7 +21,7 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial import ConvexHull
 
 from stancekit.planners.arguments import cached_property
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, way_to
 
 Faces = NDArray[np.int64]
 """Corners of faces by index, shape (F, 3) or (F, 4), to the left as seen from outside."""
@@ -223,7 +223,7 @@ def dashed(points: Array) -> Array:
 
 def dashes(points: Array, apart_m: float = 0.05) -> Array:
     """Dashes along a line whose points may be far apart, shape (K, 3), each so long [m]."""
-    spent = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    spent = way_to(points)
     at = np.linspace(0.0, spent[-1], max(2, 1 + round(spent[-1] / apart_m)))
     return dashed(np.stack([np.interp(at, spent, axis) for axis in points.T], axis=1))
 

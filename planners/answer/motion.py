@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import cached_property
 from ..errors import InvalidInput, NoColumn
-from ..files.arrays import Array
+from ..files.arrays import Array, checked_int
 from ..files.codec import embedded
 from ..files.documents import shown
 from ..physics import GRAVITY_M_S2
@@ -262,6 +262,9 @@ class Motion(Evidence, Generic[Q]):
         for name, kind in KINDS.items():
             if getattr(self, name) is not None:
                 held(self, kind, name)
+        if self.has("timing"):
+            last = len(cast(Any, self.problem).timings_s) - 1
+            checked_int(self.timing, f"{self.word} {self.name}: timing", most=last)
         if self.has("times_s"):
             plain = {name: _plain(name, value) for name, value in self.provenance.items()}
             object.__setattr__(self, "provenance", plain)

@@ -9,6 +9,7 @@ import math
 import warnings
 import zipfile
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
 from functools import partial, wraps
 from pathlib import Path
 from typing import IO, Any, TypeVar
@@ -311,8 +312,8 @@ def check_numbers(
     least: Iterable[str] = (),
     finite: Iterable[str] = (),
 ) -> None:
-    """Check numbers that a value has, or None in their place: those above 0, those that are 0 or
-    more, finite ones.
+    """Check numbers that a dataclass has, or None where a field may be that: those above 0, those
+    that are 0 or more, finite ones.
 
     Raises one InvalidInput that says all that is wrong.
 
@@ -321,10 +322,11 @@ def check_numbers(
     """
     limits = [(name, {"above": 0.0}) for name in above] + [(name, {"least": 0.0}) for name in least]
     limits += [(name, {}) for name in finite]
+    may_be_none = {each.name for each in fields(value) if "None" in str(each.type)}
     there = [
         (getattr(value, name), f"{key}{name}", limit)
         for name, limit in limits
-        if getattr(value, name) is not None
+        if getattr(value, name) is not None or name not in may_be_none
     ]
     collect_errors(*(partial(checked, number, where, **limit) for number, where, limit in there))
 
@@ -352,6 +354,22 @@ def lengths(v: Array) -> Array:
     long.
     """
     return np.asarray(np.sqrt(np.add.reduce(v * v, axis=-1)))
+
+
+def flat_cross(a: Array, b: Array) -> Array:
+    """The third component of a × b, along the last axis, of which the first two count."""
+    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+
+
+def skew(v: Array) -> Array:
+    """The matrix of v × (.), shape (3, 3)."""
+    x, y, z = v
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def way_to(points: Array) -> Array:
+    """Way along a line to each of its points, shapes (K, D) to (K,)."""
+    return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
 
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # after each axis of space

@@ -22,7 +22,7 @@ from ..answer.report import Group, Report
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, skew
 from ..motion.joints import MovingBody
 from ..motion.leap_motion import GATHER, LeapBody
 from ..problem.leap import MOST_INTERVALS, Leap, Phase
@@ -605,8 +605,7 @@ def joint_rows(measured: LeapBodyMeasurements, given: LeapGiven, share: float = 
             levers = (solver.levers(angles) @ rotation.T)[joints]
             turns = np.linalg.pinv(levers.T)  # q̇ = −(∂p/∂q)⁻¹ (v + ω × (p − c)), in world axes
             turn = turns[n]
-            x, y, z = body.toes_m[k, i] - body.com_m[k]
-            arms = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+            arms = skew(body.toes_m[k, i] - body.com_m[k])
             limit, most_nm = solver.velocity_rad_s[joint], solver.torque_nm[joint]
             faster[b, n] = -turn / limit
             spinning[b, n] = turn @ arms @ numbers.spin / limit

@@ -12,7 +12,7 @@ from ..answer.certificate import Certificate
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import ConicSolution, ConicStatus, Programs
 from ..equilibrium.scaled import Scaled
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 from ..physics import GRAVITY_M_S2
 from ..robot.model import turned_most
 from .numbers import LeapGiven, LeapNumbers
@@ -263,15 +263,7 @@ def _table(
     candidate = layout.vertex_candidates[vertex]
     k = numbers.contact_intervals[contact]
     arms = scaled.vertices[vertex] - centres[k]
-    w = twists[k]
-    slope = slopes[k] + np.stack(
-        [
-            w[:, 1] * arms[:, 2] - w[:, 2] * arms[:, 1],
-            w[:, 2] * arms[:, 0] - w[:, 0] * arms[:, 2],
-            w[:, 0] * arms[:, 1] - w[:, 1] * arms[:, 0],
-        ],
-        axis=1,
-    )
+    slope = slopes[k] + cross(twists[k], arms)
     along = np.matmul(slope[:, None], scaled.frames[candidate])[:, 0]
     least = along[:, 0] - friction[candidate] * np.hypot(along[:, 1], along[:, 2])
     np.add.at(value, vertex, np.minimum(least, 0.0) * scaled.force_max[contact, 0])

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..answer.plan import Plan
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, way_to
 from ..robot.inverse_kinematics import descend
 from ..robot.leg import levelled, rotations_of
 from ..robot.robot_file import FOOT_RADIUS_M
@@ -404,7 +404,7 @@ class PlanPath:
         feet = [feet[end] for feet, _ in ends for end in (0, 1)]
         normals = [ends[0][1]] * (len(feet) // 2) + [ends[-1][1]] * (len(feet) // 2)
         toes = np.array(feet) - self.radii_m[limb] * np.array(normals)
-        way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(toes, axis=0), axis=1))])
+        way = way_to(toes)
         return np.stack([np.interp(shares * way[-1], way, axis) for axis in toes.T], axis=1)
 
     def moments(self, apart_m: float = APART_M) -> PathMoments:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput, NoPlace
-from ..files.arrays import Array
+from ..files.arrays import Array, way_to
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface, sole_offsets, sole_region
@@ -251,7 +251,7 @@ def _corners(spec: CourseSpec) -> tuple[Array, Array]:
     """
     via = [np.array(point if isinstance(point, tuple) else point.at_m) for point in spec.via_m]
     corners = np.array([spec.start_m, *via, spec.goal_m])
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    way = way_to(corners)
     if spec.stride_m is None:
         return corners, way
     end, last = spec.stride_m * (spec.frames - 1), way[-1] - way[-2]

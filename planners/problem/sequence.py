@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, read_archive
+from ..files.arrays import Array, flat_cross, read_archive
 from ..files.documents import read_text, shown, validated
 from ..robot.model import Robot
 from ..terrain.families import Terrain
@@ -174,7 +174,7 @@ def headings(rows: Rows, robot: Robot) -> Array:
         kept = [k for k in range(len(names)) if k != left_out or len(names) < 3]
         out = toes[:, kept] - toes[:, kept].mean(axis=1, keepdims=True)
         like = shoulders[kept] - shoulders[kept].mean(axis=0)
-        across = (like[:, 0] * out[..., 1] - like[:, 1] * out[..., 0]).sum(axis=1)
+        across = flat_cross(like, out).sum(axis=1)
         guesses.append(np.arctan2(across, (like * out).sum(axis=(1, 2))))
     return np.stack(guesses, axis=1)
 

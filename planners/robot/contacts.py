@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, flat_cross
 from ..terrain.obstacles import Ground
 from ..terrain.patch import hull_of
 from .inverse_kinematics import WholeBody
@@ -275,8 +275,7 @@ def sole_of(pieces: Sequence[_Placed], base: Array) -> tuple[FootSole, Array, st
     while len(corners) > _MOST_CORNERS:  # the corner that takes least area goes first
         one = corners - np.roll(corners, 1, axis=0)
         two = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
-        area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0])
-        corners = np.delete(corners, int(np.argmin(area)), axis=0)
+        corners = np.delete(corners, int(np.argmin(np.abs(flat_cross(one, two)))), axis=0)
     middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     links = [link for link, low in zip(owners, near, strict=True) if low]
     sole = FootSole(points_m=np.round(corners - middle, 6), rotation=turn)

@@ -41,6 +41,7 @@ from ..files.arrays import (
     collect_errors,
     cross,
     read_only,
+    skew,
 )
 from ..files.codec import LATER, Within, check_limits
 from ..files.documents import Strict, parse_yaml, read_json, read_yaml, shown, validated
@@ -282,10 +283,9 @@ def _with_z(axis: Array) -> Array:
 
 def _about(axis: Array, angles: Array) -> Array:
     """Rotations about a unit axis (Rodrigues), shape (K, 3, 3)."""
-    x, y, z = axis
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    across = skew(axis)
     sine, cosine = np.sin(angles)[:, None, None], np.cos(angles)[:, None, None]
-    return np.asarray(np.eye(3) + sine * skew + (1.0 - cosine) * (skew @ skew))
+    return np.asarray(np.eye(3) + sine * across + (1.0 - cosine) * (across @ across))
 
 
 FULL_TURN = 2.0 * np.pi - 1e-6

@@ -371,8 +371,7 @@ class _Tree:
 
     def _chain(self, joints: Sequence[int], tip: Array) -> Chain:
         model = self._model
-        first = self._in_base[joints[0]]
-        places = [first, *(model.jointPlacements[j] for j in joints[1:])]
+        places = [self._in_base[joints[0]], *(model.jointPlacements[j] for j in joints[1:])]
         return Chain(
             rotations=np.array([place.rotation for place in places]),
             origins=np.array([place.translation for place in places]),

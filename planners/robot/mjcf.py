@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, skew
 from ..files.documents import shown
 from ..terrain.mesh_file import compiled_mjcf
 from .contacts import Index
@@ -456,8 +456,8 @@ def _least(limits: Array) -> float:
 
 def _matrix(quaternion: Array) -> Array:
     """R of a unit quaternion w, x, y, z, shape (3, 3)."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    w, *rest = quaternion / np.linalg.norm(quaternion)
+    cross = skew(np.array(rest))
     return np.asarray(np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import installed
-from ..files.arrays import Array
+from ..files.arrays import Array, flat_cross
 from .patch import Certainty, Patch, flat_patches
 from .polygon import shear_of, width
 from .triangle_mesh import TriangleMesh, connected, doubled
@@ -53,7 +53,7 @@ def _convex_pieces(polygon: Any) -> list[Array]:
     points = corners.reshape(-1, 2)[first]
     loops = number.reshape(-1, 3)
     a, b, c = (points[loops[:, i]] for i in range(3))
-    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    area = flat_cross(b - a, c - a)
     loops = np.where((area < 0.0)[:, None], loops[:, ::-1], loops)[np.abs(area) > _SAME_M**2]
     return [
         _exact(points[loop]) for loop in _merged(loops.tolist(), points.tolist()) if len(loop) > 2

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked
+from ..files.arrays import Array, checked, checked_int, read_only
 
 Kind = Literal["mesh", "grid", "cloud"]
 Holes = Literal["no-go", "fill"]
@@ -101,10 +101,8 @@ class ImportOptions:
                 raise InvalidInput(f"{name}: expected one of {words}, got {getattr(self, name)!r}")
         checked(self.unit_m, "unit_m", above=0.0)
         checked(self.spacing_m, "spacing_m", above=0.0, most=_WIDEST_M)
-        if isinstance(self.most_triangles, bool) or self.most_triangles < 1:
-            raise InvalidInput(f"most_triangles: expected 1 or more, got {self.most_triangles}")
-        if len(self.offset_m) != 3 or not np.all(np.isfinite(self.offset_m)):
-            raise InvalidInput(f"offset_m: expected three lengths, got {list(self.offset_m)}")
+        checked_int(self.most_triangles, "most_triangles", least=1)
+        read_only(self.offset_m, (3,), "offset_m")
         crop = self.crop_m
         if crop is not None and (
             len(crop) not in (4, 6)

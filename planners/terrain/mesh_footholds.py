@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..files.arrays import Array
+from ..files.arrays import Array, flat_cross
 from .facets import (
     COPLANAR_RAD,
     FLAT_M,
@@ -549,7 +549,7 @@ class _Around:
         corners, points = self._corners - self._corners @ lean, points - points @ lean
         a, b, c = np.moveaxis(corners, 1, 0)
         u, v = b - a, c - a
-        double = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        double = flat_cross(u, v)
         low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
         tree = self._shapely.STRtree(self._shapely.box(*low.T, *high.T))
         point, triangle = tree.query(self._shapely.points(points[:, :2]))
@@ -588,8 +588,7 @@ def _difference(polygon: Any, covered: Any) -> Any:
 def _closed(triangles: Array) -> Array:
     """Polygons seen along the normal that have an area, shape (K, U, 2)."""
     about = triangles - triangles[:, :1]
-    ahead = np.roll(about, -1, axis=1)
-    area = (about[..., 0] * ahead[..., 1] - about[..., 1] * ahead[..., 0]).sum(axis=1)
+    area = flat_cross(about, np.roll(about, -1, axis=1)).sum(axis=1)
     return np.asarray(triangles[np.abs(area) > _THIN_M * np.ptp(triangles, axis=1).max(axis=1)])
 
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import cached_property
 from ..errors import InvalidInput
-from ..files.arrays import Array, cross, read_only
+from ..files.arrays import Array, cross, flat_cross, read_only
 from .patch import Patch, flat_patches, with_polygons
 
 _Corner = tuple[float, float]
@@ -105,7 +105,7 @@ def nearest(polygon: Array, point: Array) -> Array:
     """
     edges = polygon[..., [*range(1, polygon.shape[-2]), 0], :] - polygon
     arms = point[..., None, :] - polygon
-    turns = edges[..., 0] * arms[..., 1] - edges[..., 1] * arms[..., 0]
+    turns = flat_cross(edges, arms)
     inside = np.all(turns >= 0.0, axis=-1, keepdims=True)  # on the same side of every edge
     inside |= np.all(turns <= 0.0, axis=-1, keepdims=True)
     shares = (arms * edges).sum(axis=-1) / np.maximum((edges * edges).sum(axis=-1), 1e-24)

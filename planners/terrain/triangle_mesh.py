@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import LARGEST, Array
+from ..files.arrays import LARGEST, Array, flat_cross
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M, HeightField
 from .import_options import OTHER_UNIT, ImportOptions, doubt
@@ -366,15 +366,13 @@ def raised(triangles: Array, x_m: Array, y_m: Array) -> Array:
     heights = np.full((len(x_m), len(y_m)), -np.inf)
     flat = triangles[..., :2]
     low, high = flat.min(axis=1) - NEAR_M, flat.max(axis=1) + NEAR_M
-    first = np.stack(
-        [np.searchsorted(line, low[:, k]) for k, line in enumerate((x_m, y_m))], axis=1
-    )
-    last = np.stack(
-        [np.searchsorted(line, high[:, k]) for k, line in enumerate((x_m, y_m))], axis=1
+    first, last = (
+        np.stack([np.searchsorted(x_m, end[:, 0]), np.searchsorted(y_m, end[:, 1])], axis=1)
+        for end in (low, high)
     )
     counts = (last - first).prod(axis=1)
     a, b, c = (flat[:, corner] for corner in range(3))
-    doubles = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (c[:, 0] - a[:, 0]) * (b[:, 1] - a[:, 1])
+    doubles = flat_cross(b - a, c - a)
     there = np.flatnonzero((counts > 0) & (np.abs(doubles) >= _FLAT_M2))
     ends = np.cumsum(counts[there])
     begin = 0

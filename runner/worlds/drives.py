@@ -9,7 +9,7 @@ import numpy as np
 
 from stancekit.planners.arguments import cached_property
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, check_numbers, read_only
+from stancekit.planners.files.arrays import Array, check_numbers, checked_int, read_only
 from stancekit.planners.robot.leg import ActuatorModel, Actuators
 from stancekit.planners.robot.robot_model import DAMPING_S, RobotModel, resisting_nm
 
@@ -186,6 +186,7 @@ class Imperfections:
     def __post_init__(self) -> None:
         least = ("offset_rad", "noise_rad", "delay_s", "felt_delay_s", "felt_share", "felt_noise_n")
         check_numbers(self, "imperfections.", above=("stiffness_share", "mass_share"), least=least)
+        checked_int(self.seed, "imperfections.seed")
 
     def felt_n(self, forces_n: Array, draw: np.random.Generator) -> Array:
         """Forces that sensors of the feet read, shape (N, 3) [N]."""

@@ -14,6 +14,9 @@ import pytest
 
 import stancekit
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain.import_options import ImportOptions
+from stancekit.runner.settings import BodyFeedback, Limits, Timing, Tolerance
+from stancekit.runner.worlds.drives import Imperfections
 from tests.refusals import refuses
 
 FUNCTIONS = (
@@ -195,6 +198,15 @@ def test_a_plan_is_for_another_robot_where_one_is_named(tmp_path):
     with refuses("robot"):
         stancekit.plan(stancekit.sample("ground-3", rng=3)[0].course(), robot="hexapod")
     assert stancekit.plan("stairs", frames=2, robot="hexapod").solution is not None
+
+
+@pytest.mark.parametrize(
+    "kind", [BodyFeedback, ImportOptions, Imperfections, Limits, Timing, Tolerance]
+)
+def test_none_is_no_number_of_settings_that_have_one(kind: type[Any]) -> None:
+    for name in [name for name, usual in vars(kind()).items() if isinstance(usual, float | int)]:
+        with refuses(name):
+            kind(**{name: None})
 
 
 def test_numbers_of_numpy_are_numbers():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidInput
-from ...files.arrays import Array, plain_numbers
+from ...files.arrays import Array, flat_cross, plain_numbers
 from ...files.documents import shown
 
 Triangles: TypeAlias = NDArray[np.int_]
@@ -181,8 +181,7 @@ def _ears(places: Array, normal: Array) -> Triangles:
 
 def _turn(one: Array, two: Array, three: Array) -> Array:
     """Twice the area of triangles in a plane, above 0 where they turn to the left."""
-    a, b = two - one, three - one
-    return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
+    return flat_cross(two - one, three - one)
 
 
 def strip(corners: NDArray[np.int64], most: int) -> Triangles:

@@ -154,7 +154,11 @@ def test_timings_are_chosen_from_and_a_proof_covers_all_of_them(
 ) -> None:
     impossible = (0.32, 0.02, 0.32)
     two = replace(found.problem, timings_s=(impossible, found.problem.timings_s[0]))
-    assert find_leap(two).solution.timing == 1
+    plan = find_leap(two).solution
+    assert plan.timing == 1
+    for odd in (0.5, 2, -1, True):
+        with refuses("timing"):
+            replace(plan, timing=odd)
     both = replace(
         refuted.problem, timings_s=(refuted.problem.timings_s[0], refuted.problem.timings_s[0])
     )
