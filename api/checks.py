@@ -40,6 +40,8 @@ _ON_TRIANGLES.setflags(write=False)
 _MANY = 5_000
 """Triangles whose surfaces take minutes to find, and to judge by: more are judged by their heights,
 and what asks where the ground is holds by none that are off it."""
+_WALKED = "{}: judged by heights whose edges are rounded, as walks over it have them"
+"""Of a motion that holds on them alone."""
 _TOLD_M = 1e-3
 """A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of
 [m]."""
@@ -138,8 +140,8 @@ def _check_motion(
     """Check a motion from elsewhere, see ``check_file``.
 
     Arguments:
-        terrain: heights, by name or file, or the file of a plan or a walk, whose robot and ground
-            are taken.
+        terrain: ground by name, its polygons where it has some, or else the heights that walks go
+            over; heights by file; or the file of a plan or a walk, whose robot and ground are taken.
         course: course, as ``plan`` takes it, whose patches are the terrain, and whose robot is
             taken if no other is given.
         options: of a file of heights.
@@ -148,6 +150,7 @@ def _check_motion(
     from stancekit.planners.formats.motion_file import FileCheck
     from stancekit.planners.formats.table_file import read_table
     from stancekit.planners.physics import GRAVITY_M_S2
+    from stancekit.planners.terrain.reference import named_terrain, names_ground
     from stancekit.planners.verify.motions import check_motion
     from stancekit.runner.export.formats import read_keys, scene_of
 
@@ -185,20 +188,31 @@ def _check_motion(
     table = read_keys(path) if path.suffix == ".xml" else read_table(path)
     with located(str(path)):
         report = check_motion(table, who, ground, gravity_m_s2=gravity_m_s2)
+        if not (report.accepted or isinstance(ground, Ground)) and names_ground(str(terrain)):
+            with suppress(InvalidInput):  # of surfaces that are all upright
+                over = Ground(heights=named_terrain(str(terrain)), friction=_FRICTION)
+                if (walked := check_motion(table, who, over)).accepted:
+                    report, heard = walked, [*heard, _WALKED.format(terrain)]
     report = replace(report, more_doubts=tuple(heard))
     return FileCheck(path=str(path), kind="motion", report=report, message=report.message)
 
 
 def _ground(name: str, options: ImportOptions) -> Sequence[Patch] | Ground:
-    """Heights by name or file; the surfaces of a mesh that heights do not describe, as one with
-    steps, holes, or sides that run along no axis, unless it has more than ``_MANY`` triangles.
+    """Heights by name or file; the surfaces of a mesh, or of a family of polygons, that heights do
+    not describe, as one with steps, holes, or sides that run along no axis, unless it has more than
+    ``_MANY`` triangles.
     """
     from stancekit.planners.terrain.footholds import footholds_of
-    from stancekit.planners.terrain.reference import named_terrain, names_ground
+    from stancekit.planners.terrain.reference import named_surface, named_terrain, names_ground
     from stancekit.planners.terrain.terrain_file import read_terrain
     from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
-    mesh = None if names_ground(name) or not Path(name).is_file() else read_terrain(name, options)
+    mesh: object = None
+    if names_ground(name):
+        check_unasked(options, name)
+        mesh = named_surface(name)
+    elif Path(name).is_file():
+        mesh = read_terrain(name, options)
     if not isinstance(mesh, TriangleMesh):
         return Ground(heights=named_terrain(name, options), friction=_FRICTION)
     with suppress(InvalidInput):  # of holes, and of what is too steep for a spline

@@ -475,9 +475,7 @@ def _heights(terrain: Terrain, places_m: Array) -> Array:
             continue
         normals, offsets = half_planes(patch.vertices_m[:, :2])
         within = np.all(places_m @ normals.T <= offsets + 1e-9, axis=-1)
-        away = (places_m - patch.centre_m[:2]) @ patch.normal[:2]
-        here = patch.centre_m[2] - away / patch.normal[2]
-        heights = np.where(within, np.maximum(heights, here), heights)
+        heights = np.where(within, np.maximum(heights, patch.heights_at(places_m)), heights)
     return heights
 
 

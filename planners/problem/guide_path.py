@@ -648,8 +648,7 @@ class _Lattice:
             ):
                 continue
             normals, offsets = half_planes(flat)
-            away = place - patch.centre_m[:2]
-            top = float(patch.centre_m[2] - away @ patch.normal[:2] / patch.normal[2])
+            top = float(patch.heights_at(place))
             if np.all(normals @ place < offsets) and top > ground + self.footprint.free_m:
                 over.append((top, number))
         if not over:
@@ -675,9 +674,7 @@ class _Lattice:
         level = self.footprint.level(self.z_m[node], self.slope[node])
         about = float(level - self.footprint.down_m + self.slope[node] @ away[node])
         below = [
-            float(
-                patch.centre_m[2] - (at - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
-            )
+            float(patch.heights_at(at))
             for patch in self.surfaces
             if patch.normal[2] > _LEANS
             and np.linalg.norm(_nearest_in(patch.vertices_m[:, :2], at) - at) < _NEXT_TO_M
@@ -984,7 +981,7 @@ def _room(
             normal = surfaces[i].normal
             if abs(normal[2]) > _UPRIGHT:
                 steep = radii[number] * np.linalg.norm(ground + normal[:2] / normal[2], axis=-1)
-                plane = _plane(surfaces[i], window, low, spacing)
+                plane = surfaces[i].heights_at(_xy(window, low, spacing))
                 bottom, top = np.maximum(plane - steep, bottom), np.minimum(plane + steep, top)
             hit = (top > body + footprint.low_m) & (bottom < body + footprint.high_m)
             if hit.any():
@@ -1057,12 +1054,6 @@ def _xy(window: tuple[slice, slice], low: Array, spacing: float) -> Array:
     """Places of a window's nodes, shape (n, m, 2) [m]."""
     axes = [np.arange(part.start, part.stop) for part in window]
     return np.asarray(low + spacing * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
-
-
-def _plane(patch: Patch, window: tuple[slice, slice], low: Array, spacing: float) -> Array:
-    """Heights of a surface's plane over a window of nodes [m]."""
-    about = _xy(window, low, spacing) - patch.centre_m[:2]
-    return np.asarray(patch.centre_m[2] - about @ patch.normal[:2] / patch.normal[2])
 
 
 def _hull(points: Array) -> Array:
@@ -1139,7 +1130,8 @@ def _rastered(
         window = (slice(int(i0), int(i1)), slice(int(j0), int(j1)))
         normals, offsets = half_planes(flat)
         inside = np.all(_xy(window, low, spacing) @ normals.T <= offsets + 1e-9, axis=-1)
-        z, slope = _plane(patch, window, low, spacing), -patch.normal[:2] / patch.normal[2] + 0.0
+        z = patch.heights_at(_xy(window, low, spacing))
+        slope = -patch.normal[:2] / patch.normal[2] + 0.0
         for k, sign in enumerate((1.0, -1.0)):
             known = heights[k][window]
             new = inside & ~(sign * z <= sign * known)

@@ -181,8 +181,7 @@ class LeapClass(BaseModel):
         self, name: str, robot: Robot, footholds: list[Foothold], start: Array, goal: Array
     ) -> Leap:
         """The leap from one place to another."""
-        limbs = robot.limb_names
-        stance = [Phase(limbs=limbs, intervals=self.intervals[k]) for k in (0, 2)]
+        stance = [Phase(limbs=robot.limb_names, intervals=self.intervals[k]) for k in (0, 2)]
         flight = Phase(limbs=(), intervals=self.intervals[1])
         return Leap(
             name=name,

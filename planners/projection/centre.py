@@ -78,8 +78,7 @@ class Nearness:
         """Select those that may come nearer than this where no number changes by more than these
         amounts.
         """
-        falls = abs(self.slopes) @ rooms_m
-        near = np.flatnonzero(self.distance_m - falls < clearance_m)
+        near = np.flatnonzero(self.distance_m - abs(self.slopes) @ rooms_m < clearance_m)
         chosen = {name: getattr(self, name)[near] for name in ("distance_m", "feet", "slopes")}
         return replace(self, **chosen)
 
@@ -488,8 +487,7 @@ def _without(
         far = np.minimum(far, (corners @ along.T).max(axis=0) - spare)
     left = clipped(corners, -along, -far)
     cut = (patch.with_vertices(toe + left @ flat.T),) if len(left) else ()
-    result = (*(each for each in candidates if each is not patch), *cut)
-    return result or candidates
+    return (*(each for each in candidates if each is not patch), *cut) or candidates
 
 
 def _legs(plan: Plan) -> tuple[Array, NDArray[np.int_]]:
@@ -503,8 +501,7 @@ def _legs(plan: Plan) -> tuple[Array, NDArray[np.int_]]:
     first, last = ends[:, :, :-1, None], ends[:, :, 1:, None]
     points = (first + _SHARES * (last - first)).reshape(*ends.shape[:2], -1, 3)
     comes = (moments.part == 2) | ((moments.part == 1) & (moments.passed > 0.5))
-    frame = np.where(comes, moments.after, moments.before)
-    moved = np.asarray(plan.problem.holds)[frame]
+    moved = np.asarray(plan.problem.holds)[np.where(comes, moments.after, moments.before)]
     return points, np.where(moments.foothold >= 0, moments.foothold, moved)
 
 
@@ -716,8 +713,7 @@ def _across(patch: Patch, place: Array, along: Array) -> Array | None:
         return None
     count = min(max(int((high - low) / _TRIED_M) + 1, 2), _MOST)
     xy = place[:2] + np.linspace(low, high, count)[:, None] * along
-    heights = patch.centre_m[2] - (xy - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
-    return np.column_stack([xy, heights])
+    return np.column_stack([xy, patch.heights_at(xy)])
 
 
 _DECREMENT = 1e-12

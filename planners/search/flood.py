@@ -189,8 +189,7 @@ class _Flood:
             lower = np.where(out <= _COVERED_M, sunk, np.inf)
             ground[i:k, j:m] = np.minimum(ground[i:k, j:m], lower)
             if number in self.tops:
-                higher = np.where(out <= 0.0, sunk, -np.inf)
-                above[i:k, j:m] = np.maximum(above[i:k, j:m], higher)
+                above[i:k, j:m] = np.maximum(above[i:k, j:m], np.where(out <= 0.0, sunk, -np.inf))
         heights: Array = np.maximum(np.where(np.isfinite(ground), ground, -np.inf), above)
         return heights
 
@@ -310,8 +309,7 @@ def _nodes(pieces: Sequence[Patch]) -> list[list[int]]:
     level = (np.maximum(off, off.T) < _SAME_M) & (normals @ normals.T > _SAME_COS)
     from scipy.sparse.csgraph import connected_components  # slow to import
 
-    beside = level & (away < _TOGETHER_M)
-    count, of = connected_components(beside, directed=False)
+    count, of = connected_components(level & (away < _TOGETHER_M), directed=False)
     groups = [np.flatnonzero(of == k).tolist() for k in range(count)]
     gaps = np.array([[away[np.ix_(one, two)].min() for two in groups] for one in groups])
     np.fill_diagonal(gaps, np.inf)

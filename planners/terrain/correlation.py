@@ -406,8 +406,7 @@ class Noise:
         """Number of samples, of so many per m², that a mean is no surer by than by one of white
         noise; 1 or more.
         """
-        alike = max(np.pi * self.length_m**2 * per_m2, 1.0)
-        return 1.0 + self.correlated * (alike - 1.0)
+        return 1.0 + self.correlated * (max(np.pi * self.length_m**2 * per_m2, 1.0) - 1.0)
 
 
 def correlated_noise(cells: GroundCells, told_m: float | None = None) -> Noise | None:

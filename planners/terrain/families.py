@@ -106,11 +106,7 @@ class Terrain:
                 continue
             normals, offsets = half_planes(patch.vertices_m[:, :2])
             within = np.all(places @ normals.T <= offsets + EDGE_M, axis=-1)
-            lifted = (
-                patch.centre_m[2]
-                - (places - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
-            )
-            heights = np.where(within, np.maximum(heights, lifted), heights)
+            heights = np.where(within, np.maximum(heights, patch.heights_at(places)), heights)
         return np.where(np.isfinite(heights), heights, VOID_M)
 
     def with_friction(self, factor: float) -> Terrain:

@@ -39,8 +39,7 @@ def cubics(x: Array, knots: Array, order: int = 0) -> tuple[NDArray[np.intp], Ar
 
     It is scipy's, to the last bit, whose splines take a tenth of a second to import.
     """
-    last = len(knots) - 5
-    interval = np.clip(np.searchsorted(knots, x, side="right") - 1, 3, last)
+    interval = np.clip(np.searchsorted(knots, x, side="right") - 1, 3, len(knots) - 5)
     values = np.zeros((4, len(x)))
     values[0] = 1.0
     for degree in range(1, 4):
@@ -532,7 +531,7 @@ def _raise_to(heights: Array, x: Array, y: Array, patch: Patch, reach_m: float) 
         np.clip(places, low, high) if upright else nearest(corners, places)
     )  # most are rectangles along the axes
     beyond = np.sqrt(((places - on) ** 2).sum(axis=-1))
-    lifted = patch.centre_m[2] - (on - patch.centre_m[:2]) @ patch.normal[:2] / patch.normal[2]
+    lifted = patch.heights_at(on)
     lifted -= SLOPE * (np.sqrt(beyond**2 + ROUND_M**2) - ROUND_M)
     raised = (lifted > heights[i, j]) & (beyond <= room)
     heights[i, j] = np.where(raised, lifted, heights[i, j])

@@ -468,6 +468,11 @@ class Patch:
         """Mean of the vertices, shape (3,) [m]."""
         return np.asarray(self.vertices_m.mean(axis=0))
 
+    def heights_at(self, places_m: Array) -> Array:
+        """Heights of its plane at places, shapes (…, 2) to (…) [m]."""
+        about = places_m - self.centre_m[:2]
+        return np.asarray(self.centre_m[2] - about @ self.normal[:2] / self.normal[2])
+
 
 def solids_of(patches: Sequence[Patch]) -> tuple[Solid, ...]:
     """The ``solid`` of every patch; those that are not made yet are made at once."""

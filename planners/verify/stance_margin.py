@@ -535,8 +535,7 @@ class Stances:
         most, little = np.ones(len(self.counts)), np.zeros(len(self.counts))
         for _ in range(HALVINGS):
             middle = 0.5 * (most + little)
-            friction = np.repeat(middle, self.counts) * self.friction
-            held = replace(self, friction=friction).hold()
+            held = replace(self, friction=np.repeat(middle, self.counts) * self.friction).hold()
             most, little = np.where(held, middle, most), np.where(held, little, middle)
         return 1.0 - most
 

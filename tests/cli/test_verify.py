@@ -15,8 +15,10 @@ import stancekit as library
 from stancekit import Motion
 from stancekit.checks import _ground
 from stancekit.planners.formats.motion_file import read_motion, write_motion
+from stancekit.planners.terrain.families import drawn_surface
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
+from stancekit.planners.verify.motions import nearest
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import WHOLE_BODY
 from stancekit.runner.acceptance import Accepted
@@ -377,6 +379,17 @@ def test_heights_that_are_not_the_mesh_are_doubted_and_hold_nothing_that_asks_fo
         "accepted",
     )
     assert held or record["report"]["doubts"][0].startswith(f"{ground}: more than 5000")
+
+
+@pytest.mark.parametrize("name", ["stairs:0.3:3", "gaps:0.5:0", "walls:0.5:3"])
+def test_a_motion_over_a_ground_by_its_name_is_judged_by_its_polygons(name: str) -> None:
+    """To their very edges, which the heights that walks have over them round by centimetres."""
+    family, level, seed = name.split(":")
+    for patch in drawn_surface(family, float(level), int(seed)) or ():
+        beside = patch.centre_m + 0.9999 * (patch.vertices_m - patch.centre_m)
+        gaps, normals, _ = nearest(_ground(name, ImportOptions()), beside, np.full(4, 1e-3))
+        np.testing.assert_allclose(gaps, -1e-3, atol=1e-9)
+        np.testing.assert_allclose(normals @ patch.normal, 1.0)
 
 
 EDGE = ((-1.0, 0.1), (0.0, 0.1), (0.0, 0.0), (0.3, 0.0))
