@@ -62,6 +62,7 @@ from .urdf_reader import (
     parsed,
     pinocchio,
     remove_root_joint,
+    root_doubts,
     speed_doubts,
     turned,
 )
@@ -530,7 +531,7 @@ def model_of(
     text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
     root = parsed(text, where)
     mended, in_degrees = mend_limits(root, where)
-    empty = remove_empty_shapes(root)
+    empty, tied = remove_empty_shapes(root), root_doubts(root)
     if remove_root_joint(root) or mended or empty:
         text = ElementTree.tostring(root, encoding="unicode")
     if len(root_rpy_rad):
@@ -564,7 +565,7 @@ def model_of(
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     mounts = _mounts(model, legs, rest)
-    doubts = [*doubted, *_torque_doubts(legs, mass_kg), *leg_doubts(legs)]
+    doubts = [*tied, *doubted, *_torque_doubts(legs, mass_kg), *leg_doubts(legs)]
     doubts += [] if mjcf is None else mjcf.doubts_of(moved)
     doubts += [(f"joint {name}", why) for name, why in limit_doubts(root) if name in moved]
     doubts += [*((f"mesh {each}", _not_there(each)) for each in missing), *broken]

@@ -169,21 +169,41 @@ def remove_root_joint(root: Element) -> bool:
     Such a joint is the base itself; a bare world has neither weight nor shape. Returns whether
     there was one.
     """
-    joints = root.findall("joint")
-    children = {child.get("link") for child in root.findall("joint/child")}
-    for world in [link for link in root.findall("link") if link.get("name") not in children]:
-        roots = [
-            joint
-            for joint in joints
-            if (parent := joint.find("parent")) is not None
-            and parent.get("link") == world.get("name")
-        ]
-        empty = not {"inertial", "collision", "visual"} & {child.tag for child in world}
-        if empty and len(roots) == 1 and roots[0].get("type") in _FLYING:
-            root.remove(roots[0])
+    for world, joint in _tied(root):
+        shown_too = [part for part in ("collision", "visual") if world.find(part) is not None]
+        if not shown_too and joint.get("type") in _FLYING:
+            root.remove(joint)
             root.remove(world)
             return True
     return False
+
+
+def root_doubts(root: Element) -> list[tuple[str, str]]:
+    """A doubt about the joint that ties the robot to its world, where the base could move along some
+    directions alone: it is taken for one that moves freely.
+    """
+    return [
+        (
+            f"joint {joint.get('name')}",
+            f"is {kind} and ties the base to a world; it is taken to move freely",
+        )
+        for _, joint in _tied(root)
+        if (kind := joint.get("type", "")) not in ("fixed", "floating")
+    ]
+
+
+def _tied(root: Element) -> Iterator[tuple[Element, Element]]:
+    """Roots without a weight that carry one joint, and that joint."""
+    children = {child.get("link") for child in root.findall("joint/child")}
+    for world in [link for link in root.findall("link") if link.get("name") not in children]:
+        joints = [
+            joint
+            for joint in root.findall("joint")
+            for parent in joint.findall("parent")
+            if parent.get("link") == world.get("name")
+        ]
+        if world.find("inertial") is None and len(joints) == 1:
+            yield world, joints[0]
 
 
 def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]:

@@ -154,8 +154,7 @@ class _Search:
         order = np.argsort([-float((piece @ steps[e]).min()) for piece in pieces], kind="stable")
         proofs: dict[int, _Proof] = {}
         for index in order.tolist():
-            child = (*sides[:e], pieces[index], *sides[e + 1 :])
-            proof = self._proof(child, depth + 1)
+            proof = self._proof((*sides[:e], pieces[index], *sides[e + 1 :]), depth + 1)
             if self._plan is not None or self._clock.ended():
                 return None
             if proof is not None:

@@ -103,8 +103,7 @@ class Rung:
         """A rectangle along the axis that touches the surface from within at its long borders, at
         an angle about it.
         """
-        across = cross(self.upright, self.axis)
-        normal = np.cos(angle) * self.upright + np.sin(angle) * across
+        normal = np.cos(angle) * self.upright + np.sin(angle) * cross(self.upright, self.axis)
         aside = cross(normal, self.axis)
         inner = self.radius_m if angle == 0.0 else float(np.sqrt(self.radius_m**2 - half_m**2))
         centre = self.middle_m - self.radius_m * self.upright + inner * normal
