@@ -246,8 +246,7 @@ def _across(normals: Array) -> Array:
     """U(a) of vectors of shape (H, 3): with the axis that is least along a, a × e and a × (a × e),
     both as long as a; shape (H, 2, 3).
     """
-    axes = np.eye(3)[np.abs(normals).argmin(axis=1)]
-    first = np.cross(normals, axes)
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     first *= length / np.linalg.norm(first, axis=1, keepdims=True)
     return np.stack([first, np.cross(normals, first) / length], axis=1)

@@ -262,8 +262,7 @@ def _table(
     contact, vertex = layout.contact_vertices
     candidate = layout.vertex_candidates[vertex]
     k = numbers.contact_intervals[contact]
-    arms = scaled.vertices[vertex] - centres[k]
-    slope = slopes[k] + cross(twists[k], arms)
+    slope = slopes[k] + cross(twists[k], scaled.vertices[vertex] - centres[k])
     along = np.matmul(slope[:, None], scaled.frames[candidate])[:, 0]
     least = along[:, 0] - friction[candidate] * np.hypot(along[:, 1], along[:, 2])
     np.add.at(value, vertex, np.minimum(least, 0.0) * scaled.force_max[contact, 0])

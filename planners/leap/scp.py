@@ -319,8 +319,7 @@ def nearby(given: LeapGiven, point: LeapPoint, radius: float) -> LeapGiven:
 def cost_of(given: LeapGiven, point: LeapPoint) -> float:
     """Violation of the bilinear rows at a point, at the price of slack."""
     at = replace(given, at=point)
-    numbers = given.numbers
-    change, turn = numbers.turned(point)
+    change, turn = given.numbers.turned(point)
     moment = np.diff(point.momentum, axis=0) - change
     turned = np.diff(point.rotation[::2], axis=0) - turn
     cost = PRICES["moment"] * float(np.abs(moment).sum()) + PRICES["turn"] * float(

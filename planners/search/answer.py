@@ -302,8 +302,7 @@ def plan_of(
         scaled: as asked for, or chosen.
         choice: shape (P,), of a posture ``scaled.numbers``.
     """
-    chosen = scaled.chosen(choice)
-    forces, soles = chosen.forces_si(point)
+    forces, soles = scaled.chosen(choice).forces_si(point)
     return Motion(
         problem=problem,
         com_m=scaled.places_m(point.com),

@@ -239,8 +239,7 @@ class TwoStage(Method):
             lift = solve_lift(self.kept, scaled, least_moment=True)
             answer = as_relaxation(lift)
         else:
-            boxes = [envelopes.envelopes]
-            answer = self.relaxed().answers(self.kept, [scaled], boxes, [])[0]
+            answer = self.relaxed().answers(self.kept, [scaled], [envelopes.envelopes], [])[0]
         clock.count(answer.solves, 0.0)
         if not answer.known:
             return self.acceptance.answer(

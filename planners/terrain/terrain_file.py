@@ -233,6 +233,8 @@ _AS_MAP = "simplify it, or have its upper side read as a map with kind=grid and 
 """Advice about a mesh with more triangles than are wanted."""
 _MOST_SEEN = 3_000_000
 """Triangles of such a mesh."""
+_SAME_M = 1e-6
+"""Points that are so near are one, which was written twice."""
 _ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
 _TOLERANCE_M = 0.025
@@ -270,7 +272,21 @@ def read_terrain(
     points = points[np.all((points >= low) & (points <= high), axis=1)]
     if not len(points):
         raise InvalidInput(f"{path}: crop_m: expected some points inside, got none")
-    return ElevationMap.of_points(points, options.spacing_m, label).with_holes(options.holes)
+    return ElevationMap.of_points(_distinct(points), options.spacing_m, label).with_holes(
+        options.holes
+    )
+
+
+def _distinct(points: Array) -> Array:
+    """A cloud, shape (K, 3), without points that are within ``_SAME_M`` of one before them: how many
+    there are says how fine it is.
+    """
+    for shift in (0.0, 0.5):  # what a border of one grid divides is together in the other
+        cells = np.floor(points / _SAME_M + shift)
+        order = np.lexsort(cells.T)
+        new = np.append(True, np.any(np.diff(cells[order], axis=0), axis=1))
+        points = points[np.sort(order[new])]
+    return points
 
 
 def read_heights(

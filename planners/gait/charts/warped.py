@@ -126,8 +126,7 @@ def shear_rotation(slope: cs.SX) -> cs.SX:
     """
     scale = cs.sqrt(4.0 + cs.sumsqr(slope))
     cosine = 2.0 / scale
-    axis = cs.vertcat(slope[1], -slope[0], 0.0) / scale
-    skew = cs.skew(axis)
+    skew = cs.skew(cs.vertcat(slope[1], -slope[0], 0.0) / scale)
     return cs.SX.eye(3) + skew + skew @ skew / (1.0 + cosine)
 
 
