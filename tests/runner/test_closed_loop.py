@@ -193,8 +193,7 @@ def test_the_nearest_point_of_a_patch_is_that_of_a_dense_search() -> None:
     rng = np.random.default_rng(0)
     corners = np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.5, 0.3, 0.0], [0.1, 0.2, 0.0]])
     patch = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
-    weights = rng.dirichlet(0.4 * np.ones(4), 60000)
-    dense = weights @ corners
+    dense = rng.dirichlet(0.4 * np.ones(4), 60000) @ corners
     for point in rng.uniform(-0.2, 0.7, (20, 3)):
         found = nearest_on(patch, point)
         best = np.linalg.norm(dense - point, axis=1).min()
@@ -444,8 +443,7 @@ def test_and_all_that_come_where_that_is_not_enough(standing: Standing) -> None:
 
 
 def test_what_comes_after_the_end_is_given_up_last(standing: Standing) -> None:
-    planner = Unless(lambda course: bool(course.next_lift))
-    planning, decided = replanner(planner)
+    planning, decided = replanner(Unless(lambda course: bool(course.next_lift)))
     plan = planning.plan(0, standing).plan
     assert (lifted(plan), plan.problem.next_lift) == ([0, 3, 3], ())
     assert decided[0].startswith("no step after the last")

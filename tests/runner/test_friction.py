@@ -201,8 +201,7 @@ def shares(world: SlippingWorld, periods: int = 200) -> tuple[np.ndarray, np.nda
     """Tangential over normal force of every foot, and how far each slid, mean and end of the last
     half.
     """
-    feet = Kinematics(ROBOT).feet(STANDING)
-    height = 0.012 - float(feet[:, 2].min())
+    height = 0.012 - float(Kinematics(ROBOT).feet(STANDING)[:, 2].min())
     first = world.connect((ground(0.8),), STANDING, np.array([0.0, 0.0, height]), np.eye(3))
     states = [world.step(SPREAD) for _ in range(periods)]
     forces = np.mean([state.forces_n for state in states[periods // 2 :]], axis=0)

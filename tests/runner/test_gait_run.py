@@ -157,8 +157,7 @@ def stopped_at(leap: Accepted, when_s: float) -> RunReport:
         state = runners[0].state if runners else None
         return "e-stop" if state is not None and state.time_s >= when_s else ""
 
-    world = make_world("mujoco", leap.robot)
-    runners.append(Runner(world, sources=(pressed,)))
+    runners.append(Runner(make_world("mujoco", leap.robot), sources=(pressed,)))
     return runners[0].run(leap)
 
 
@@ -195,8 +194,7 @@ def test_a_stop_in_the_air_lands_first(leap: Accepted):
 
 
 def test_a_fault_in_the_air_leaves_no_leap_that_a_stop_waits_for(leap: Accepted):
-    world = make_world("mujoco", leap.robot)
-    runner = Runner(world)
+    runner = Runner(make_world("mujoco", leap.robot))
 
     def fails(state: object) -> None:
         if runner.latch.lands:

@@ -284,8 +284,7 @@ def test_another_distribution_is_not(likeness: Likeness, shift: float, share: fl
 
 
 def test_a_number_that_never_changes_is_not(likeness: Likeness) -> None:
-    rng = np.random.default_rng(2)
-    narrow = drawn_kinds(rng, 400)
+    narrow = drawn_kinds(np.random.default_rng(2), 400)
     narrow[:, 7] = 0.0
     assert likeness.unlike(narrow)[0] < ALARM
 

@@ -122,8 +122,7 @@ def test_a_torso_in_free_fall_feels_nothing(form: Any) -> None:
 
 
 def test_a_steady_spin_about_the_vertical_needs_no_moment_when_centred() -> None:
-    inertia = np.diag([1.0, 1.0, 2.0])
-    robot = replace(ROBOT, inertia_kgm2=inertia)
+    robot = replace(ROBOT, inertia_kgm2=np.diag([1.0, 1.0, 2.0]))
     symbols = [cs.SX.sym("y", 6) for _ in range(3)]
     function = cs.Function("felt", symbols, [centred(LEVEL, robot, STEP_S)(symbols, [None] * 3)])
     turning = [np.array([0, 0, 0.5, 0, 0, 3.0 * k * STEP_S]) for k in range(3)]
@@ -392,8 +391,7 @@ def test_a_refused_torque_gets_rows_that_a_solve_keeps() -> None:
     limits = {**LIMITS, "torque": 0.95 * worst}
     refused = check_trajectory(found.trajectory(), limits)
     assert "torque" in {group.name for group in refused.refused}
-    dense = densified(base, refused)
-    solution = dense.solve(found.x)
+    solution = densified(base, refused).solve(found.x)
     assert solution.success
     again = check_trajectory(solution.trajectory(), limits)
     assert "torque" not in {group.name for group in again.refused}

@@ -322,8 +322,7 @@ def test_a_second_phase_lowers_the_cost_it_is_given(walked: Walked) -> None:
 
 
 def test_a_terrain_of_no_height_is_level_ground(small: Build) -> None:
-    program = small(chart="ambient")
-    flattened = program.solve(height_factor=0.0)
+    flattened = small(chart="ambient").solve(height_factor=0.0)
     assert flattened.success
     at = flattened.samples(np.linspace(0.0, 2.0, 41))
     assert np.abs(at.feet_m[..., 2][at.contact]).max() < 1e-4
