@@ -15,7 +15,7 @@ import stancekit as library
 from stancekit import Motion
 from stancekit.checks import _ground
 from stancekit.planners.formats.motion_file import read_motion, write_motion
-from stancekit.planners.terrain.families import drawn_surface
+from stancekit.planners.terrain.families import drawn_surface, read_draw
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
 from stancekit.planners.verify.motions import nearest
@@ -384,8 +384,7 @@ def test_heights_that_are_not_the_mesh_are_doubted_and_hold_nothing_that_asks_fo
 @pytest.mark.parametrize("name", ["stairs:0.3:3", "gaps:0.5:0", "walls:0.5:3"])
 def test_a_motion_over_a_ground_by_its_name_is_judged_by_its_polygons(name: str) -> None:
     """To their very edges, which the heights that walks have over them round by centimetres."""
-    family, level, seed = name.split(":")
-    for patch in drawn_surface(family, float(level), int(seed)) or ():
+    for patch in drawn_surface(*read_draw(name, "")) or ():
         beside = patch.centre_m + 0.9999 * (patch.vertices_m - patch.centre_m)
         gaps, normals, _ = nearest(_ground(name, ImportOptions()), beside, np.full(4, 1e-3))
         np.testing.assert_allclose(

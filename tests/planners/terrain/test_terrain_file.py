@@ -48,8 +48,8 @@ def test_a_cloud_of_a_plane_is_a_map_of_it(suffix, tmp_path):
 def test_points_that_a_cloud_has_several_times_count_once(off_m, tmp_path):
     """As in scans that were put together: a plane of 2 x 2 m is ground up to a foot's margin."""
     away = np.random.default_rng(1).uniform(-off_m, off_m, (4, *POINTS.shape))
-    cloud = save_cloud(tmp_path / "c.npy", (POINTS + away).reshape(-1, 3))
-    found = read_footholds(cloud, ImportOptions(kind="cloud"))
+    written = save_cloud(tmp_path / "c.npy", np.concatenate(POINTS + away))
+    found = read_footholds(written, ImportOptions(kind="cloud"))
     assert (len(found.pieces), 3.7 < found.area_m2 < 4.03) == (1, True)
 
 
