@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import (
     binary_closing,
     binary_erosion,
+    binary_opening,
     distance_transform_edt,
     find_objects,
     label,
@@ -62,6 +63,7 @@ from .noisy_surfaces import (
     apart,
     correlated_surfaces,
     noisy_surfaces,
+    on_creases,
 )
 from .patch import FOR_BODIES_M, Certainty, Patch
 from .polygon import SMALLEST_M
@@ -216,13 +218,20 @@ def _planes_of(
         gapped.update(np.unique(ahead[(ahead == back) & (ahead != labels)]).tolist())
     points_m = terrain.points_m if whole and len(planes) and not noisy else None
     shown = {} if points_m is None else _shown(points_m, cells, padded, planes)
-    for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
+    places = find_objects(labels + 1, max_label=len(planes))
+    reached, beside = dict[int, Any](), dict[int, set[int]]()
+    if not (noisy or cells.sparse):
+        exact = flat & level & (rms <= _ROUNDED_M)
+        second = np.pad(on_creases(labels, cells, planes, exact, _ROUNDED_M), 1, constant_values=-1)
+        reached, beside = _to_creases(padded, second, places)
+    for number, where in enumerate(places):
         if where is None or not (flat[number] and level[number]):
             continue
         a, b, c = planes[number]
         normal = normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0])
         plane = Plane.through(cells.corner_m + np.array([0.0, 0.0, c]), normal)
-        simple, inner = _outline(padded, number, where, inset)
+        mask, first = reached.get(number) or _mask(padded, number, where)
+        simple, inner = _outline(mask, first, inset)
         outline = _on_plane(shown.get(number, simple), plane, spacing)
         samples = round(float(counted[where][labels[where] == number].sum()) / cells.weight)
         kept = sure[number]  # of its inset, the outline keeps half a cell
@@ -248,7 +257,12 @@ def _planes_of(
         outer = inner.buffer(wider, join_style="mitre").simplify(_STRAIGHT)
         outlines, between = [(outer, widest)], shown.get(number)
         if between is None and number in gapped:
-            between = _between(padded, number, where, outer)
+            between = _between(mask, first, outer)
+        if number in beside:
+            between = outer.buffer(-1.0, join_style="mitre") if between is None else between
+        for other in beside.get(number, ()):
+            ground = _ground(*(reached.get(other) or _mask(padded, other, places[other])))
+            outer = (outer - ground).simplify(0.05)
         if between is not None:
             aside_m = widest.about_m + 0.5 * spacing
             carries = between, replace(widest, about_m=aside_m, wider_m=0.0)
@@ -486,32 +500,62 @@ def _voids(x: Array, y: Array, padded: Labels, cells: GroundCells) -> Array:
     return np.concatenate([border / _FINER - 1.5, np.argwhere(bare) - 1.0])
 
 
-def _outline(
-    padded: Labels, number: int, where: tuple[slice, ...], inset: float
-) -> tuple[Any, Any]:
+def _to_creases(
+    padded: Labels, second: Labels, places: list[Any]
+) -> tuple[dict[int, Any], dict[int, set[int]]]:
+    """The cells of surfaces that go up to those of two, as of ``_mask``, of which these add nothing
+    to the polygon but what is between samples; and the surfaces that each of them and of the others
+    meets there.
+
+    Arguments:
+        padded, second: the first and the second surface of each cell, −1 for none, and −1 about
+            them all.
+        places: the cells among which each surface is.
+    """
+    square = np.ones((2, 2), dtype=bool)
+    reached, beside = dict[int, Any](), dict[int, set[int]]()
+    for number in np.unique(second[second >= 0]).tolist():
+        window = tuple(slice(max(side.start - 1, 0), side.stop + 3) for side in places[number])
+        own, first = padded[window] == number, np.array([side.start for side in window]) - 1.0
+        every = own | binary_opening(own | (second[window] == number), square)
+        simple, up_to = (_outline(mask, first, 0.5)[0] for mask in (own, every))
+        added = up_to - simple - _ground(every, first)
+        if up_to.area > simple.area and added.area < SMALLEST_M:
+            reached[number] = every, first
+            for other in np.unique(padded[window][second[window] == number]).tolist():
+                beside.setdefault(number, set()).add(other)
+                beside.setdefault(other, set()).add(number)
+    return reached, beside
+
+
+def _outline(mask: NDArray[np.bool_], first: Array, inset: float) -> tuple[Any, Any]:
     """A surface's cells as polygons, in cells: what is so far inside of the line half way to
     foreign cells, which is straightened by as much; and what is within that line.
 
     Arguments:
-        padded: the surface of each cell, −1 for none, and −1 about them all.
-        where: the cells among which the surface is, not padded.
+        mask: which cells are of it, with one more about them all.
+        first: of these cells.
         inset: half a cell, and one where samples may be half a cell inside of the last cells.
     """
-    shapely, (mask, first) = shapely_module(), _mask(padded, number, where)
-    whole = _filled(mask, 0.5, first)
+    shapely, whole = shapely_module(), _filled(mask, 0.5, first)
     return shapely.union_all([_inner(each, inset) for each in whole]), shapely.MultiPolygon(whole)
 
 
-def _between(padded: Labels, number: int, where: tuple[slice, ...], outer: Any) -> Any:
+def _between(mask: NDArray[np.bool_], first: Array, outer: Any) -> Any:
     """What is between cells of a surface, in cells; None unless an outline closes over foreign
     cells in its gaps.
     """
-    shapely, (mask, first) = shapely_module(), _mask(padded, number, where)
+    shapely = shapely_module()
     places = np.argwhere(binary_closing(mask, np.ones((3, 3), dtype=bool)) > mask) + first
     gaps = shapely.points(places[shapely.contains_xy(outer, *places.T)])
     if not np.any(shapely.distance(outer.boundary, gaps) > _DEEP):
         return None
-    return shapely.MultiPolygon(_filled(mask, _OWN, first)).simplify(_STRAIGHT)
+    return _ground(mask, first).simplify(_STRAIGHT)
+
+
+def _ground(mask: NDArray[np.bool_], first: Array) -> Any:
+    """What is between cells of a surface, in cells."""
+    return shapely_module().MultiPolygon(_filled(mask, _OWN, first))
 
 
 def _mask(padded: Labels, number: int, where: tuple[slice, ...]) -> tuple[NDArray[np.bool_], Array]:

@@ -157,6 +157,36 @@ def _without_steps(labels: Labels, cells: GroundCells) -> Labels:
     return np.where(beside, -1, labels)
 
 
+def on_creases(
+    labels: Labels, cells: GroundCells, planes: Array, exact: NDArray[np.bool_], within_m: float
+) -> Labels:
+    """The second surface of each cell of a map whose sample is on the planes of two that meet all
+    along their border, one nowhere above the other; −1 for none, shape (n, m).
+
+    Arguments:
+        labels: the surface of each cell, −1 for none, shape (n, m).
+        planes: of the surfaces, shape (S, 3).
+        exact: which of them are looked at, shape (S,).
+        within_m: how far off a plane samples on it may be [m].
+    """
+    second, plane = np.full(labels.shape, -1), np.append(exact, False)
+    around, (i, j) = _around(labels, plane[labels], same=False)
+    beside = around[:4]
+    k, at = np.nonzero(plane[beside] & (beside != labels[i, j]))
+    i, j, other = i[at], j[at], beside[k, at]
+    pairs = np.stack([labels[i, j], other])
+    a, b, c = planes.T[:, pairs]
+    level = a * i + b * j + c
+    on = np.abs(level - cells.heights[i, j]).max(axis=0, initial=0.0) <= within_m
+    key, above = pairs.min(axis=0) * len(planes) + pairs.max(axis=0), level[1] - level[0]
+    for each in np.unique(key[on]).tolist():
+        its = key == each
+        if (above[its].min() < -within_m) == (above[its].max() > within_m):
+            on &= ~its
+    second[i[on], j[on]] = other[on]
+    return second
+
+
 def correlated_surfaces(
     cells: GroundCells, limits: FootholdLimits, noise: Noise
 ) -> tuple[Labels, float]:
