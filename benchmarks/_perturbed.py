@@ -15,7 +15,7 @@ from stancekit.planners.problem import Problem
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
 from stancekit.runner.control.estimation import coplanar
-from stancekit.runner.worlds.drives import Imperfections, Push
+from stancekit.runner.worlds.world import Imperfections, Push
 
 START_M, HOLE_M = 0.10, 0.04
 """Half sides of squares: where feet stand at first the ground is as planned, and a place where

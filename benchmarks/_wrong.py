@@ -14,8 +14,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import clipped, half_planes
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.worlds.drives import Imperfections
-from stancekit.runner.worlds.world import Ground
+from stancekit.runner.worlds.world import Ground, Imperfections
 
 PAD_M, CORNERS = 0.03, 16
 """Where feet stand at first the ground is as planned: a disc of this radius on patches,"""

@@ -34,8 +34,7 @@ from stancekit.planners.motion.gait_motion import crossing_motion
 from stancekit.planners.motion.leap_motion import REST_S, SETTLE_S, leap_motion
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds.drives import Imperfections
-from stancekit.runner.worlds.world import make_world
+from stancekit.runner.worlds.world import Imperfections, make_world
 
 HELD_S = 2.0
 """How long joints are held after a stop before the robot is looked at again."""

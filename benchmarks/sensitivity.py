@@ -43,8 +43,7 @@ from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings, Tolerance
-from stancekit.runner.worlds.drives import Imperfections
-from stancekit.runner.worlds.world import make_world
+from stancekit.runner.worlds.world import Imperfections, make_world
 
 WRONG = {
     "as planned": Wrong(),

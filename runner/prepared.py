@@ -48,8 +48,7 @@ from .motion.time_parametrization import (
 )
 from .safety.guard import SafeWorld
 from .settings import RunSettings
-from .worlds.drives import Drives
-from .worlds.world import Ground, Solids, State, Terrain
+from .worlds.world import Drives, Ground, Solids, State, Terrain
 
 LOG = logging.getLogger(__name__)
 BodyFrom = Literal["the world", "leg odometry", "nothing"]

@@ -25,8 +25,7 @@ from stancekit.planners.motion.motion import Played, Samples, smooth
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio
 
 from ..motion.redundancy import RedundancyResolution, resolved
-from ..worlds.drives import Drives
-from ..worlds.world import State
+from ..worlds.world import Drives, State
 from .body_feedback import BodyController, BodyFeedback, skew
 from .foot_placement import FADES, ContactFeedback, FootPlacement, touch_n
 

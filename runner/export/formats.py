@@ -29,10 +29,9 @@ from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.mesh_file import compiled_mjcf
 
 from ..motion.time_parametrization import RATE_HZ, joint_motion
-from ..worlds.drives import Drives
 from ..worlds.mujoco import MujocoWorld, mujoco_module
 from ..worlds.simulation import SimulatedBody, local_origin, simulated_body
-from ..worlds.world import Terrain
+from ..worlds.world import Drives, Terrain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -38,8 +38,7 @@ from stancekit.planners.robot.leg import ActuatorModel, continued
 from ..acceptance import JointNeeds
 from ..control.foot_placement import ContactFeedback
 from ..control.tracker import Tracker
-from ..worlds.drives import Drives
-from ..worlds.world import Ground, Solids, Terrain
+from ..worlds.world import Drives, Ground, Solids, Terrain
 from .redundancy import RedundancyResolution, resolved
 
 _SAMPLED_S = 0.02

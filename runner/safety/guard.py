@@ -24,8 +24,8 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 
 from ..motion.time_parametrization import soft_motion
-from ..worlds.drives import Drives
 from ..worlds.world import (
+    Drives,
     JointBus,
     State,
     Terrain,

@@ -16,8 +16,7 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.robot_file import Servo
 
-from .drives import Drives
-from .world import JointBus, State, Terrain
+from .world import Drives, JointBus, State, Terrain
 
 
 def listed(names: Sequence[str]) -> str:

@@ -26,8 +26,9 @@ from stancekit.planners.robot.plausibility import BETWEEN, body_doubts, inertias
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.robot.robot_model import RobotModel
 
-from .drives import Drives, Imperfections
 from .world import (
+    Drives,
+    Imperfections,
     JointBus,
     SimulationSetup,
     SoftContact,

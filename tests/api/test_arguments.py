@@ -15,7 +15,7 @@ import pytest
 import stancekit
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.import_options import ImportOptions
-from stancekit.runner.worlds.drives import Imperfections
+from stancekit.runner.worlds.world import Imperfections
 from tests.refusals import refuses
 
 FUNCTIONS = (

@@ -480,7 +480,7 @@ SERVOS = '''
 """Joints that go where they are sent, one control period later; the body is not measured, and nothing is felt."""
 from dataclasses import replace
 import numpy as np
-from stancekit.runner.worlds.drives import Drives
+from stancekit.runner.worlds.world import Drives
 from stancekit.runner.worlds.world import JointBus, State
 
 class Servos(JointBus):

@@ -19,8 +19,7 @@ from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.planners.terrain import Patch
 from stancekit.runner.safety.guard import Limits
-from stancekit.runner.worlds.drives import Drives
-from stancekit.runner.worlds.world import JointBus, State, WorldSettings
+from stancekit.runner.worlds.world import Drives, JointBus, State, WorldSettings
 
 FREQUENCY_RAD_S = 60.0
 PATIENT = Limits(silent_s=5.0)

@@ -53,8 +53,7 @@ from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import FARTHEST, LoopStiffness
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import LoopSettings, RunSettings
-from stancekit.runner.worlds.drives import Drives, Imperfections, Push
-from stancekit.runner.worlds.world import State, make_world
+from stancekit.runner.worlds.world import Drives, Imperfections, Push, State, make_world
 from tests.emulators.memory_world import PATIENT, MemoryWorld
 from tests.emulators.slipping import SlippingWorld
 from tests.refusals import refuses

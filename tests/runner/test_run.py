@@ -382,7 +382,7 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
 
 
 def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accepted) -> None:
-    from stancekit.runner.worlds.drives import Imperfections
+    from stancekit.runner.worlds.world import Imperfections
 
     for deaf in ((), (1,)):
         world = make_world(

@@ -26,11 +26,10 @@ from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import Tracker, command
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.dynamixel.control_table import ServoTicks, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.mujoco import MujocoWorld
-from stancekit.runner.worlds.world import State, make_world
+from stancekit.runner.worlds.world import Drives, State, make_world
 from tests.emulators.fast_time import fast_bus
 from tests.emulators.memory_world import PATIENT
 from tests.emulators.servo_bus import EmulatedBus

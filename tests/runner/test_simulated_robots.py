@@ -24,10 +24,10 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import LoopStiffness
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds.drives import Imperfections
 from stancekit.runner.worlds.simulation import simulated_body
 from stancekit.runner.worlds.world import (
     Ground,
+    Imperfections,
     JointBus,
     SimulationSetup,
     SoftContact,

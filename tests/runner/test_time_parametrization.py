@@ -65,7 +65,7 @@ from stancekit.runner.motion.time_parametrization import (
     unhurried,
 )
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds.drives import Drives
+from stancekit.runner.worlds.world import Drives
 from tests.emulators.memory_world import MemoryWorld
 from tests.planners.robot.small_urdfs import quadruped
 from tests.refusals import refuses

@@ -23,9 +23,8 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo
 
-from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld, listed
-from ..world import WorldSettings
+from ..world import Drives, WorldSettings
 from . import control_table as table
 from .bus import (
     BABBLE,

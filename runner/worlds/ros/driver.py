@@ -24,9 +24,8 @@ from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo
 
 from ...safety.estop import StopLatch
-from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld, listed
-from ..world import EstopCheck, WorldSettings
+from ..world import Drives, EstopCheck, WorldSettings
 from .bridge import POLL_S, Estop, Message, RosLink, waited
 from .joint_states import ControllerState, JointStates, version_of
 from .setup import Mapping, RosSetup
