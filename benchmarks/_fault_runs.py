@@ -23,7 +23,7 @@ from stancekit.runner.safety.estop import StopLatch, Stopped
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import same_names
 from stancekit.runner.worlds.world import State
 from tests.emulators import rosbridge
 from tests.emulators.devices import DeviceProcess, bus_process

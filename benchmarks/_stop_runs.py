@@ -34,7 +34,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.runner.safety.estop import StopLatch
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import same_names
 from tests.emulators.devices import DeviceProcess, bridge_process, bus_process
 
 SIGNALS = {

@@ -38,7 +38,7 @@ from _device_runs import ended, forked, planned, rows, running, said, wait
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.robot_file import Servo
 from stancekit.runner.log import read_log
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import same_names
 from tests.emulators.devices import start_of
 from tests.emulators.ros1.build import PYTHON
 

@@ -101,7 +101,7 @@ SECTIONS = (
     Section(
         "Robots behind a rosbridge",
         "`stancekit/ros/1`, YAML for `stancekit run --world ros --setup`.",
-        ("runner.worlds.ros.setup:RosSetup",),
+        ("runner.worlds.ros.joint_states:RosSetup",),
     ),
     Section(
         "Posture problems",

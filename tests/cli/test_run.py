@@ -27,7 +27,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.verify import check_plan
 from stancekit.runner.log import read_log
 from stancekit.runner.worlds.dynamixel.control_table import nominal
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import same_names
 
 
 @pytest.fixture(scope="module")

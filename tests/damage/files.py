@@ -33,7 +33,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.log import McapLog, read_log
 from stancekit.runner.worlds.dynamixel.control_table import nominal
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import same_names
 from tests.planners.robot.small_urdfs import quadruped
 
 from .cases import MOTIONS, command

@@ -13,7 +13,7 @@ from roslibpy.comm import comm_asyncio
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import same_names
 from stancekit.runner.worlds.world import State
 from tests.emulators import rosbridge, rosbridge_protocol
 from tests.emulators.rosbridge import RosBridge

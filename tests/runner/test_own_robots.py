@@ -18,7 +18,7 @@ from stancekit.runner.worlds.dynamixel.control_table import RAD, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.hardware import HardwareWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.ros.joint_states import same_names
 from tests.emulators.fast_time import fast_bus
 from tests.emulators.ros_robots import QUICK, emulated
 from tests.planners.robot.small_urdfs import fixed, joint, link, robot

@@ -19,8 +19,15 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.runner.worlds.ros.bridge import RosLink
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.joint_states import RobotClock, stamp_of, version_of
-from stancekit.runner.worlds.ros.setup import Mapping, RosJoint, RosSetup, same_names
+from stancekit.runner.worlds.ros.joint_states import (
+    Mapping,
+    RobotClock,
+    RosJoint,
+    RosSetup,
+    same_names,
+    stamp_of,
+    version_of,
+)
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 from tests.emulators.rosbridge import EPOCH_S, FAULTS, RosBridge
 from tests.refusals import refuses

@@ -15,8 +15,13 @@ from stancekit.planners.errors import HardwareFault
 from stancekit.runner.safety.estop import Stopped
 from stancekit.runner.worlds.ros import joint_states
 from stancekit.runner.worlds.ros.driver import RosWorld
-from stancekit.runner.worlds.ros.joint_states import FOREIGN, ControllerState, JointStates
-from stancekit.runner.worlds.ros.setup import Mapping, same_names
+from stancekit.runner.worlds.ros.joint_states import (
+    FOREIGN,
+    ControllerState,
+    JointStates,
+    Mapping,
+    same_names,
+)
 from tests.emulators import rosbridge
 from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, emulated, reset
 from tests.emulators.rosbridge import RosBridge

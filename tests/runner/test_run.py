@@ -362,7 +362,7 @@ def test_a_set_up_file_that_names_another_robot_is_refused(
     accepted: Accepted, tmp_path: Path
 ) -> None:
     from stancekit.runner.worlds.dynamixel.control_table import nominal
-    from stancekit.runner.worlds.ros.setup import same_names
+    from stancekit.runner.worlds.ros.joint_states import same_names
 
     course, joints = accepted.plan.problem, accepted.plan.problem.robot.joint_names
     setup = tmp_path / "setup.yaml"

@@ -27,8 +27,7 @@ from ...safety.estop import StopLatch
 from ..hardware import RATE_HZ, HardwareWorld, listed
 from ..world import Drives, EstopCheck, WorldSettings
 from .bridge import POLL_S, Estop, Message, RosLink, waited
-from .joint_states import ControllerState, JointStates, version_of
-from .setup import Mapping, RosSetup
+from .joint_states import ControllerState, JointStates, Mapping, RosSetup, version_of
 
 _RUNNING = ("running", "active")
 _DEFAULT = "/controller_manager"
