@@ -414,7 +414,7 @@ class RunMotion:
         """Draw and print; the exit code."""
         if self.picture is not None and self.log is not None:
             from stancekit.runner.log import read_log
-            from stancekit.views.gait_plot import draw_tracking
+            from stancekit.views.plots import draw_tracking
 
             draw_to_file(draw_tracking(read_log(self.log)), self.picture)
         try:
@@ -686,7 +686,7 @@ class Replay:
     def run(self) -> int:
         """Read, and tell."""
         from stancekit.runner.log import read_log
-        from stancekit.views.gait_plot import differences, draw_tracking, tracked
+        from stancekit.views.plots import differences, draw_tracking, tracked
 
         check_drawn(self.picture)
         recorded = read_log(self.log)

@@ -485,7 +485,7 @@ class Comparison:
 
     def picture(self) -> Figure:
         """The shares as bars with 95 % intervals, and the paper's as markers."""
-        from stancekit.views.comparison import ComparisonBar, draw_comparison
+        from stancekit.views.plots import ComparisonBar, draw_comparison
 
         bars = []
         for score in self.scores:

@@ -41,7 +41,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
-from stancekit.views.gait_plot import GaitRun, draw_directions, draw_times
+from stancekit.views.plots import GaitRun, draw_directions, draw_times
 
 from ..data.executors import processes
 from .evaluate import Share

@@ -117,7 +117,7 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "runner.safety.estop",
             "runner.worlds.ros.bridge",
         ),
-        DRAWS: ("views.gait_plot",),
+        DRAWS: ("views.plots",),
         LATER: (
             "planners.motion.plan_motion",
             "planners.robot.leg",

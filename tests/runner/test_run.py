@@ -321,7 +321,7 @@ def test_a_wall_clock_that_jumps_changes_nothing(
 def test_in_a_simulation_the_report_is_that_of_an_execution_and_its_log_is_drawn(
     accepted: Accepted, tmp_path: Path
 ) -> None:
-    from stancekit.views.gait_plot import draw_tracking
+    from stancekit.views.plots import draw_tracking
 
     path, course = tmp_path / "run.mcap", accepted.plan.problem
     with McapLog(path) as log:

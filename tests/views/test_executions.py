@@ -23,9 +23,9 @@ from stancekit.runner.log import Message, Recorded
 from stancekit.runner.motion.time_parametrization import streamed
 from stancekit.runner.report import Execution
 from stancekit.runner.settings import RunSettings
-from stancekit.views.gait_plot import draw_tracking, tracked
 from stancekit.views.gaits import GaitView
 from stancekit.views.plans import FPS, SPEED, PlanView, draw_execution
+from stancekit.views.plots import draw_tracking, tracked
 from stancekit.views.sheet import to_rgb
 from stancekit.views.strips import parted, run_strips
 from tests.refusals import refuses

@@ -21,11 +21,11 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.conformal import fit_map
 from stancekit.runner.motion.time_parametrization import joint_motion
-from stancekit.views.gait_plot import GaitRun, draw_directions, draw_times
 from stancekit.views.gaits import GRID_M, GaitView, draw_motion
 from stancekit.views.leaps import UNJUDGED, LeapView, draw_leap
 from stancekit.views.maps import draw_map
 from stancekit.views.page import page
+from stancekit.views.plots import GaitRun, draw_directions, draw_times
 from stancekit.views.scene import Box
 from stancekit.views.sheet import ACCENT, leg_colour, save, to_rgb
 from stancekit.views.still import Still, normals_of

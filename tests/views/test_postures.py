@@ -23,7 +23,7 @@ from stancekit.planners.problem import Contact, Problem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.search.exact import Exact
 from stancekit.planners.terrain import Patch
-from stancekit.views.comparison import ComparisonBar, draw_comparison
+from stancekit.views.plots import ComparisonBar, draw_comparison
 from stancekit.views.postures import draw_posture
 from stancekit.views.scene import Camera
 from stancekit.views.sheet import save, to_rgb
@@ -244,7 +244,7 @@ def test_an_envelope_of_other_contacts_and_a_tiny_sheet_are_refused(solved: Solv
 def test_drawing_loads_no_pyplot() -> None:
     code = (
         "import sys; from stancekit.views.postures import draw_posture; from stancekit.views.sheet import to_rgb;"
-        "from stancekit.views.comparison import ComparisonBar, draw_comparison;"
+        "from stancekit.views.plots import ComparisonBar, draw_comparison;"
         "to_rgb(draw_comparison([ComparisonBar(selector='a', values={'b': 0.5})]));"
         "print('matplotlib.pyplot' in sys.modules)"
     )
