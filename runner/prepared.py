@@ -11,8 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.answer.certificate import Way
-from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.trajectory import Trajectory
 from stancekit.planners.errors import InvalidInput
@@ -285,20 +283,15 @@ def _of_leaps(accepted: Accepted[Any], world: SafeWorld, settings: RunSettings) 
         motion = leap_motion(subject)
         surfaces: Solids = tuple(patch.solid for patch in ground)
     else:
-        motion = crossing_motion(subject, _climbs(accepted, world, settings, kinematics))
+        climbs = [
+            _timed(accepted.source, plan, kinematics, world, settings)[0] for plan in subject.climbs
+        ]  # as any plan's
+        motion = crossing_motion(subject, climbs)
         surfaces = motion.solids
     followed = mean_forces(motion, 1.0 / world.rate_hz)
     return _paced(
         accepted, world, settings, kinematics, motion, followed, None, ground, surfaces, _LEAPING
     )
-
-
-def _climbs(
-    accepted: Accepted[Motion[Way]], world: SafeWorld, settings: RunSettings, kinematics: Kinematics
-) -> list[Played]:
-    """The climbs of a crossing, timed as any plan's."""
-    climbs = accepted.plan.climbs
-    return [_timed(accepted.source, plan, kinematics, world, settings)[0] for plan in climbs]
 
 
 def _timed(
