@@ -3,12 +3,13 @@ and nothing else.
 
 Feet, centre of mass and momentum are those of the robot's own file at the table's joints. Contacts
 are those of the table, or else of feet that are within ``_GAP_M`` of the terrain and move neither to
-nor from it, nor fast along it; whether forces that carry the motion exist is a program per row: λ ≥
-0 over the edges of friction cones of eight sides, least distance from Newton and Euler for the
-whole robot. Forces of the table are judged, too, where it has some, and torques are worked out from
-joints, body and forces. Whatever else a table has is compared with what follows from its joints and
-body, to the widths of ``_MotionLimits``: a column is judged, or named as not checked. So is a group
-of which the table, the robot's file or the terrain does not say enough, with the reason.
+nor from it, nor fast along it; whether forces that carry the motion exist is a program per row: f_u
+in round friction cones, least distance from Newton and Euler for the whole robot. Means over a
+second have to be carried, too, by what is touched meanwhile, and to ``_STANDS``. Forces of the
+table are judged, too, where it has some, and torques are worked out from joints, body and forces.
+Whatever else a table has is compared with what follows from its joints and body, to the widths of
+``_MotionLimits``: a column is judged, or named as not checked. So is a group of which the table,
+the robot's file or the terrain does not say enough, with the reason.
 """
 
 from __future__ import annotations
@@ -53,8 +54,10 @@ _WINDOW_S = 0.2
 """Balance is judged by its mean over so long: what is gone sooner moves the body by millimetres."""
 _LASTS_S, _LASTING = 1.0, 4.0
 """What lasts so long counts so many times: a body topples by it."""
-_EDGES = 8
-"""Edges of the pyramid in a friction cone."""
+_STANDS = 1e-3
+"""Such a part of the weight may be missing for ever: 0.06° of slope."""
+_FINE, _ROUNDS = 1e-5, 30
+"""Edges are added while more than this is missing, and they lessen it."""
 _NARROW_M = 0.01
 """Under feet that are smaller, the nearest point of heights is looked for so far around."""
 _OTHERWISE = 0.99
@@ -142,7 +145,8 @@ class _MotionLimits:
         slip_m: of a standing foot since it came down, of its point of contact, rolling left out, or
             of its centre: whichever moved less.
         balance: what no forces in the cones give, mean over ``_WINDOW_S``, and ``_LASTING`` times
-            that over ``_LASTS_S``.
+            that over ``_LASTS_S``; as much where ``_STANDS`` of the weight is missing in the mean
+            of that time, or its moment about points that are ``slip_m`` off.
         forces: the same of the forces of the table, which may be those of a body at rest.
         cone, swing_force: of the table's forces, outside of cones, and on feet that do not stand.
         bodies_m: of a link in another or in the terrain.
@@ -448,6 +452,7 @@ class _Measured:
         """
         whole = min(1.0, len(self.times_s) * self.step_s / _LASTS_S)
         lasting = _LASTING * whole * self._windowed(self._lacks, _LASTS_S)
+        lasting = np.maximum(lasting, self.limits.balance / _STANDS * self._lasting)
         return _worst(np.maximum(self._windowed(self._lacks), lasting), (), self.times_s[1:-1])
 
     def forces(self) -> _Worst:
@@ -456,7 +461,10 @@ class _Measured:
         """
         table_forces = self.known["forces_n"][1:-1]
         arms = self._points[1:-1] - self._com[1:-1, None]
-        return _worst(self._windowed(self._residual(table_forces, arms)), (), self.times_s[1:-1])
+        lacks = self._needed - np.concatenate([table_forces, cross(arms, table_forces)], 2).sum(1)
+        lacks[:, 3:] /= self.height_m
+        lacks = lengths(lacks) / self.weight_n
+        return _worst(self._windowed(lacks), (), self.times_s[1:-1])
 
     def cone(self) -> _Worst:
         """Distance of the table's forces from their cones, the nearer one where a foot touches two
@@ -644,34 +652,56 @@ class _Measured:
         return self._body.centres_of_mass_m
 
     @cached_property
-    def _scale(self) -> Array:
-        """One over what forces and moments are measured in, shape (6,)."""
-        return np.repeat([1.0 / self.weight_n, 1.0 / (self.weight_n * self.height_m)], 3)
-
-    def _residual(self, forces: Array, arms: Array) -> Array:
-        wrench = np.concatenate([forces.sum(axis=1), cross(arms, forces).sum(axis=1)], axis=-1)
-        return np.asarray(np.linalg.norm((wrench - self._needed) * self._scale, axis=-1))
+    def _touched(self) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+        """Tell which spots of feet touch the nearest surface, and that beside it; where, normals and
+        friction there, shape (T − 2, 2 N, K), (T − 2, 2 N, K, 3) twice, (T − 2, 2 N, K).
+        """
+        both, radii = (self.surface, self._beside), self._radii[..., None]
+        gap, normals, friction = (
+            np.concatenate(each, axis=1)[1:-1] for each in zip(*both, strict=True)
+        )
+        points = np.concatenate([self._spots - radii * n for _, n, _ in both], axis=1)[1:-1]
+        presses = np.tile(self.stands[..., None] & self._near, (1, 2, 1))[1:-1]
+        return presses & np.isfinite(gap), points, normals, friction
 
     @cached_property
     def _lacks(self) -> Array:
-        """Remainder of each row by itself: a program per row finds the forces that come nearest,
-        (T − 2,).
-        """
-        from scipy.optimize import nnls
+        """Remainder of each row by itself, (T − 2,)."""
+        alone = np.ones(1)
+        return np.array([self._lack(k, alone, self.height_m) for k in range(len(self._needed))])
 
-        parts = []
-        for gap, normals, friction in (self.surface, self._beside):
-            arms = self._spots - self._radii[..., None] * normals - self._com[:, None, None]
-            edges = _cones(normals, friction)  # (T, N, K, EDGES, 3)
-            columns = np.concatenate([edges, cross(arms[..., None, :], edges)], axis=-1)
-            touches = self.stands[..., None] & self._near & np.isfinite(gap)
-            parts.append((touches, columns * self._scale))
-        carries, columns = (np.concatenate(part, axis=1)[1:-1] for part in zip(*parts, strict=True))
-        needed = self._needed * self._scale
-        lacks = np.linalg.norm(needed, axis=1)
-        for k in np.flatnonzero(carries.any(axis=(1, 2))):
-            lacks[k] = nnls(columns[k, carries[k]].reshape(-1, 6).T, needed[k])[1]
-        return np.asarray(lacks)
+    @cached_property
+    def _lasting(self) -> Array:
+        """Remainder of means over a second about rows, (T − 2,); 0 where no row lacks much, or
+        between.
+
+        Weights that begin and end smoothly leave little of the noise of second differences.
+        """
+        weights = np.hanning(max(3, round(_LASTS_S / self.step_s)))[1:-1]
+        weights, count, lacks = weights / weights.sum(), len(weights), np.zeros_like(self._lacks)
+        for first in range(0, len(lacks) - count + 1, max(1, count // 4)):
+            if weights @ self._lacks[first : first + count] > _STANDS:
+                lever_m = self.limits.slip_m / _STANDS
+                lacks[first + count // 2] = self._lack(first, weights, lever_m)
+        return lacks
+
+    def _lack(self, first: int, weights: Array, lever_m: float) -> float:
+        """Least part of a mean needed wrench that is missing where feet press on all that they
+        touch meanwhile: stances may change, since their wrenches are about one point.
+
+        Arguments:
+            first, weights: inner row with the first of the weights, which make 1.
+            lever_m: moments are measured in this times the weight.
+        """
+        rows = slice(first, first + len(weights))
+        com, force = self._com[1:-1][rows], self._needed[rows, :3]
+        middle = weights @ com
+        moment = (self._needed[rows, 3:] + cross(com - middle, force)) / lever_m
+        needed = weights @ np.concatenate([force, moment], axis=1) / self.weight_n
+        touches, points, normals, friction = self._touched
+        at = touches[rows]
+        arms = (points[rows][at] - middle) / lever_m
+        return _missing(needed, arms, normals[rows][at], friction[rows][at])
 
     def _windowed(self, series: Array, over_s: float = _WINDOW_S) -> Array:
         """The mean over so long about each row, shape (T, …) as the series."""
@@ -681,6 +711,33 @@ class _Measured:
         sums = np.convolve(series, np.ones(count), mode="valid") / count
         left = (len(series) - len(sums)) // 2
         return np.pad(sums, (left, len(series) - len(sums) - left), mode="edge")
+
+
+def _missing(needed: Array, arms: Array, normals: Array, friction: Array) -> float:
+    """Distance of a wrench from those of forces in round friction cones: of forces along edges, to
+    which the one of each cone that lessens it most is added until none does.
+
+    Arguments:
+        needed, arms: force and moment, and where contacts are, without units, shape (6,), (K, 3).
+        normals, friction: of the contacts, shape (K, 3), (K,).
+    """
+    from scipy.optimize import nnls
+
+    missing, columns = needed, np.zeros((0, 6))
+    for _ in range(_ROUNDS):
+        lack = float(lengths(missing))
+        pull = missing[:3] + cross(missing[3:], arms)
+        across = pull - np.sum(pull * normals, axis=1, keepdims=True) * normals
+        across /= np.maximum(lengths(across), np.finfo(float).tiny)[:, None]
+        edges = normals + friction[:, None] * across
+        lessens = np.sum(pull * edges, axis=1) > _FINE * lack
+        if lack <= _FINE or not lessens.any():
+            break
+        added = np.concatenate([edges, cross(arms, edges)], axis=1)[lessens]
+        columns = np.concatenate([columns, added])
+        shares = nnls(columns.T, needed)[0]
+        missing, columns = needed - shares @ columns, columns[shares > 0.0]
+    return lack
 
 
 def _all_over(sole: FootSole) -> Array:
@@ -779,15 +836,3 @@ def _from_polygon(patch: Patch, points: Array) -> tuple[Array, Array]:
     distance = patch_distances([patch.vertices_m] * len(points), points)
     inside = distance <= np.abs(height) + _BESIDE_M
     return distance, np.where(inside, height, np.abs(height))
-
-
-def _cones(normals: Array, friction: Array) -> Array:
-    """Edges of the pyramids in friction cones, unit normal parts, shape (…, EDGES, 3)."""
-    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=-1)])
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    second = cross(normals, first)
-    angle = 2.0 * np.pi * np.arange(_EDGES) / _EDGES
-    around = (
-        np.cos(angle)[:, None] * first[..., None, :] + np.sin(angle)[:, None] * second[..., None, :]
-    )
-    return np.asarray(normals[..., None, :] + friction[..., None, None] * around)

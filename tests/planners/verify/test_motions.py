@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
@@ -19,7 +20,7 @@ from stancekit.planners.motion.motion import MotionTable, shapes
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain.obstacles import Ground
 from stancekit.planners.terrain.patch import Patch
-from stancekit.planners.verify.motions import check_motion, nearest
+from stancekit.planners.verify.motions import _MotionLimits, check_motion, nearest
 from stancekit.runner.export.formats import Moved, moved_of
 from tests.refusals import assert_names, refuses
 
@@ -126,9 +127,59 @@ def test_a_robot_at_rest_does_not_lean_beyond_its_feet_for_seconds(
     names = ("angles_rad", "origin_m", "quaternion", "contact")
     columns = {"time_s": moved.table.time_s} | {name: still[name] for name in names}
     group = judged(replace(moved.table, columns=columns), moved).group("balance")
-    # the least of force and moment that are missing leans on friction, too, as far below as the feet
-    heights_m = np.array([moved.robot.legs.stand_height_m, com[2]])
-    assert group.value == pytest.approx(4.0 * beyond_m / np.linalg.norm(heights_m), rel=0.05)
+    assert group.value == pytest.approx(
+        0.08 * beyond_m / 5e-3, rel=0.05
+    )  # as far as a foot may slip
+    assert (group.verdict == "holds") == held
+
+
+def on_a_slope(
+    moved: Moved, slope_deg: float, heading_deg: float, noise: float = 0.0
+) -> Report[MotionTable]:
+    """Two seconds of a still robot, its centre of mass above the middle of its feet."""
+    assert moved.robot is not None
+    way, known, kinematics = np.radians(heading_deg), moved.table.arrays(), Kinematics(moved.robot)
+    turn = Rotation.from_rotvec(np.radians(slope_deg) * np.array([-np.sin(way), np.cos(way), 0.0]))
+    feet, body, angles = known["feet_m"][0], moved.table.rotation[0], known["angles_rad"][0]
+    up = turn.inv().apply([0.0, 0.0, 1.0])
+    com = feet.mean(axis=0) + 0.5 * moved.robot.legs.stand_height_m * up / up[2]
+    for _ in range(20):
+        origin = com - body @ kinematics.com_offset(angles)
+        angles = kinematics.reach((feet - origin) @ body, angles, angles, limits=False)[0]
+    rng, rows = np.random.default_rng(0), 100
+    shakes = Rotation.from_rotvec(np.radians(0.3 * noise) * rng.uniform(-1.0, 1.0, (rows, 3)))
+    columns = {
+        "time_s": np.arange(rows) / 50.0,
+        "angles_rad": np.tile(angles, (rows, 1)),
+        "origin_m": turn.apply(origin) + 2e-3 * noise * rng.uniform(-1.0, 1.0, (rows, 3)),
+        "quaternion": (shakes * turn * Rotation.from_matrix(body)).as_quat(scalar_first=True),
+        "contact": np.ones((rows, len(feet)), dtype=bool),
+    }
+    corners = turn.apply([[-5, -5, 0], [5, -5, 0], [5, 5, 0], [-5, 5, 0]])
+    normal, along = turn.apply([[0, 0, 1], [1, 0, 0]])
+    ground = Patch(vertices_m=corners, normal=normal, shear_reference=along, friction=0.6)
+    # noise alone is a multiple of the weight within 0.2 s: only what lasts is asked for then
+    limits = _MotionLimits(balance=10.0 if noise else 0.08)
+    return check_motion(replace(moved.table, columns=columns), moved.robot, [ground], limits)
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 15.0, 22.5, 30.0, 45.0])
+def test_a_robot_stands_on_slopes_up_to_the_angle_of_friction(
+    moved: Moved, heading_deg: float
+) -> None:
+    steepest_deg = np.degrees(np.arctan(0.6))  # 30.96
+    for slope_deg in (25.0, 30.9, 31.1, 32.0):
+        group = on_a_slope(moved, slope_deg, heading_deg).group("balance")
+        lacks = np.sin(np.radians(max(0.0, slope_deg - steepest_deg)))  # distance from the cone
+        assert group.value == pytest.approx(80.0 * lacks, rel=0.01, abs=1e-3)
+        assert (group.verdict == "holds") == (slope_deg < steepest_deg)
+
+
+@pytest.mark.parametrize(("slope_deg", "held"), [(25.0, True), (32.0, False)])
+def test_the_noise_of_a_log_is_no_lasting_lack_and_hides_none(
+    moved: Moved, slope_deg: float, held: bool
+) -> None:
+    group = on_a_slope(moved, slope_deg, 22.5, noise=1.0).group("balance")
     assert (group.verdict == "holds") == held
 
 
