@@ -1,4 +1,4 @@
 """The playground: a course that is dragged and slid on a page, planned anew while one looks.
 
-Read ``scenario``, ``answers``, ``playground`` and ``serving``; ``page_parts`` are what it shows.
+Read ``scenario``, ``answers``, ``playground`` and ``serving``.
 """

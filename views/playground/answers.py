@@ -1,9 +1,10 @@
 """Answers about scenes: a fast one while a scene is changed, and all that commands say once it
-rests, from a process of its own.
+rests, from a process of its own; and what a page says of them.
 """
 
 from __future__ import annotations
 
+import html
 import logging
 import multiprocessing
 import signal
@@ -15,17 +16,26 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import wait
 from typing import Any
 
+import numpy as np
+
 from stancekit.planners.answer.answer import Answer, Status
-from stancekit.planners.answer.plan import Plan
-from stancekit.planners.answer.report import Report
+from stancekit.planners.answer.plan import WHOLE_BODY, Plan
+from stancekit.planners.answer.report import Report, acceptance_word
 from stancekit.planners.errors import NoPlace, PlanningFailed, StancekitError
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.motion import Samples
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_between import LaidBetween
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.leg import rotation_of
 from stancekit.planners.search.plan_course import plan_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.planners.verify import explain
 from stancekit.planners.verify.explanation import Relaxation
 
+from ..plans import PlanView, View
+from ..sheet import leg_colour
+from ..strips import cone_strip, torque_strip
 from .scenario import Scenario
 
 _SHARES = (0.8, 1.0)
@@ -305,3 +315,234 @@ class Session:
             self._on_answer(number, scenario, answer, since)
         except Exception:  # a page that cannot draw one answer draws the next
             log.exception("an answer could not be drawn")
+
+
+GOOD, UNSURE, BAD = (
+    f"light-dark({pair})" for pair in ("#1d6f62, #5cc4b3", "#7a5f00, #e0bd4a", "#b81c33, #ff8b99")
+)
+"""Colours of good news, of what nobody knows yet, and of bad news, on light and on dark; each is at
+least 4.5 : 1."""
+_QUIET, _RULE, _TROUGH = (
+    f"light-dark({pair})" for pair in ("#5b6672, #a9b4c0", "#d5dae0, #4a525b", "#e3e7eb, #3d454e")
+)
+"""Colours of what is read last, of lines, and of the empty part of a bar. Text has the page's own
+colour."""
+_TIGHT = 0.95
+"""A limit that is used this far is marked."""
+_CARRIES_N = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimbLoad:
+    """Load of one limb.
+
+    Arguments:
+        cone: of its friction cone, torque: of a joint's limit, both as shares; NaN where unknown.
+        torque_nm: of the joint that has the least in hand [Nm].
+    """
+
+    name: str
+    force_n: float
+    cone: float
+    torque_nm: float = float("nan")
+    torque: float = float("nan")
+    in_air: bool = False
+
+
+def loads(
+    view: View, now: Samples, solver: Kinematics | None = None, near: Array | None = None
+) -> list[LimbLoad]:
+    """Loads of every limb at a time.
+
+    Arguments:
+        solver: of the robot; without it no torque is known.
+        near: angles that unknown ones are sought near, shape (J,) [rad].
+    """
+    limbs, pressed_n = view.robot.limb_names, now.along_n
+    torques, shares = _torques(len(limbs), now, solver, near)
+    cones = now.across_n / np.maximum(now.friction * pressed_n, 1e-9)
+    cones = np.where(now.across_n > 1e-6 * pressed_n, cones, 0.0)
+    cones = np.where(pressed_n < _CARRIES_N, np.nan, cones)
+    return [
+        LimbLoad(
+            name=name,
+            force_n=float(np.linalg.norm(now.forces_n[i])),
+            cone=float(cones[i]),
+            torque_nm=torques[i],
+            torque=shares[i],
+            in_air=not now.stands[i],
+        )
+        for i, name in enumerate(limbs)
+    ]
+
+
+def _torques(
+    count: int, now: Samples, solver: Kinematics | None, near: Array | None
+) -> tuple[list[float], list[float]]:
+    """For each limb the torque of the joint that is nearest to its limit [Nm], and its share of the
+    joint's limit.
+    """
+    if solver is None:
+        return [float("nan")] * count, [float("nan")] * count
+    angles = now.angles_rad
+    if angles is None:
+        angles, _, _ = solver.solve(
+            now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near
+        )
+    torque = np.abs(solver.torques(angles, rotation_of(now.rotation_rad), now.forces_n))
+    share = torque / solver.torque_nm
+    worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]
+    return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]
+
+
+def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
+    """The verdict as HTML: a title in its colour, a sentence, and a quiet line.
+
+    Arguments:
+        number: of the change that it answers.
+        drawn_ms: since that change.
+    """
+    colour, title, text = _words(answer)
+    title, text = html.escape(title), html.escape(text)
+    took = f"drawn after {drawn_ms:.0f} ms"
+    if answer.patient:
+        took = f"judged in {sum(answer.seconds):.1f} CPU-s"
+    return (
+        f'<div id="verdict" data-change="{number}" data-patient="{int(answer.patient)}" style="border-left:5px solid '
+        f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif">'
+        f'<div style="font-size:15px;font-weight:700;color:{colour}">{title}</div>'
+        f"<div>{text}</div>"
+        f'<div style="color:{_QUIET};font-size:11.5px">change {number} · {took}</div></div>'
+    )
+
+
+def _words(answer: SceneAnswer) -> tuple[str, str, str]:
+    """Colour, title and sentence."""
+    if answer.course is None:
+        return BAD, "Nothing to plan", answer.message
+    if answer.status is Status.INFEASIBLE:
+        return BAD, "No plan, and that is proved" if answer.patient else "No plan", answer.message
+    if answer.accepted:
+        assert answer.report is not None
+        word = acceptance_word(answer.report.unchecked).partition(":")[0].capitalize()
+        return GOOD, word, " ".join(filter(None, (_accepted(answer.report), answer.message)))
+    if answer.plan is not None and not answer.patient:
+        return (
+            UNSURE,
+            "Contacts hold",
+            "Joints, torques and bodies are judged once nothing is changed.",
+        )
+    if answer.plan is not None:
+        return BAD, "Not accepted", answer.message
+    more = "" if answer.patient else "; the search goes on when nothing is changed"
+    return UNSURE, "Undecided", f"{answer.message}{more}"
+
+
+def _accepted(report: Report[Plan]) -> str:
+    """Line on what was judged, and what could not be."""
+    done = ["contacts", *(name for name in WHOLE_BODY if report.group(name).verdict == "holds")]
+    finding = report.message.removeprefix(acceptance_word(report.unchecked)).lstrip(":; ")
+    words = f"{finding}. Judged: {', '.join(done)}."
+    if len(done) <= len(WHOLE_BODY):
+        words += f" {report.body_message}."
+    return words[0].upper() + words[1:]
+
+
+def limb_table(rows: list[LimbLoad], title: str) -> str:
+    """Forces, shares of cones, and torques of limbs as HTML, with bars against the limits."""
+    cell = 'style="text-align:right;white-space:nowrap;padding:1px 4px"'
+    head = "".join(
+        f'<th style="text-align:{side};font-weight:600;padding:1px 4px;color:{_QUIET}">{words}</th>'
+        for side, words in (
+            ("left", "limb"),
+            ("right", "force [N]"),
+            ("left", "of its cone"),
+            ("right", "torque [Nm]"),
+            ("left", "of its limit"),
+        )
+    )
+    lines = []
+    for k, row in enumerate(rows):
+        dot = f'<span style="display:inline-block;width:9px;height:9px;border-radius:5px;background:{leg_colour(k)}">'
+        force = "in the air" if row.in_air else f"{row.force_n:.1f}"
+        torque = "–" if np.isnan(row.torque_nm) else f"{row.torque_nm:.1f}"
+        lines.append(
+            f"<tr><td style='white-space:nowrap;padding:1px 4px'>{dot}</span> "
+            f"{html.escape(row.name)}</td>"
+            f"<td {cell}>{force}</td><td>{_bar(row.cone)}</td><td "
+            f"{cell}>{torque}</td><td>{_bar(row.torque)}</td></tr>"
+        )
+    return (
+        f'<div id="limbs" style="font:12px/1.5 system-ui,sans-serif;margin:4px 2px;'
+        f'font-variant-numeric:tabular-nums"><b>{html.escape(title)}</b>'
+        f'<table style="border-collapse:collapse;width:100%"><tr style="border-bottom:1px solid {_RULE}">{head}</tr>'
+        f"{''.join(lines)}</table>"
+        f'<div style="color:{_QUIET};font-size:11.5px">{html.escape(explained([row.name for row in rows]))}</div></div>'
+    )
+
+
+_SIDES, _PLACES = (
+    {"L": "left", "R": "right"},
+    {"F": "front", "M": "middle", "R": "rear", "H": "hind"},
+)
+
+
+def explained(limbs: list[str]) -> str:
+    """The names of limbs in words, seen by the robot, and what the shares of the table are of."""
+    names = [
+        f"{name} {_SIDES[name[0]]} {_PLACES[name[1]]}"
+        for name in limbs
+        if len(name) == 2 and name[0] in _SIDES and name[1] in _PLACES
+    ]
+    seen = f"{', '.join(names)}, as the robot looks. " if names else ""
+    return f"{seen}Cone: share of the friction that its force may use. Limit: of the joint with the least torque left."
+
+
+def summary(answer: SceneAnswer, view: PlanView | None) -> str:
+    """The plan in a few numbers, as HTML, empty without one: its reserves, the figures of the strips
+    below its picture, what it was planned with, and where it ends.
+
+    Arguments:
+        view: of the plan.
+    """
+    if view is None:
+        return ""
+    plan, course, robot = view.plan, view.plan.problem, view.robot
+    to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
+    strips = {"friction in hand": cone_strip(plan, view.keys)}
+    if answer.report is not None:
+        strips["torque in hand"] = torque_strip(plan)
+    weight = f"{robot.mass_kg:.3g} kg ({robot.mass_kg * plan.gravity_m_s2:.1f} N)"
+    reserves = [
+        (
+            name,
+            f"{100 - used.values[used.worst]:.0f} % at least, at frame {used.at[used.worst]:.3g}",
+        )
+        for name, used in strips.items()
+        if np.isfinite(used.values).any()
+    ]
+    ends = f"{to_goal_mm:.0f} mm from the goal, after {course.frames} key frames"
+    planned = ("planned with", f"{100 * answer.share:.0f} % of the friction")
+    rows = [("robot", f"{robot.name}, {weight}"), *reserves, planned, ("ends", ends)]
+    return (
+        '<table id="summary" style="font:12px/1.55 system-ui,sans-serif;margin:2px">'
+        + "".join(
+            f'<tr><td style="color:{_QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
+            f"<td>{html.escape(words)}</td></tr>"
+            for name, words in rows
+        )
+        + "</table>"
+    )
+
+
+def _bar(share: float) -> str:
+    """A share of a limit as a bar with its number; NaN is a dash."""
+    if np.isnan(share):
+        return f'<span style="color:{_QUIET}">–</span>'
+    colour = BAD if share > 1.0 + 1e-6 else UNSURE if share > _TIGHT else GOOD
+    return (
+        f'<div style="display:flex;align-items:center;gap:5px"><div style="flex:1;min-width:34px;height:8px;'
+        f'background:{_TROUGH};border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'
+        f'height:100%;background:{colour}"></div></div><span style="width:34px;text-align:right">{100 * share:.0f} %'
+        "</span></div>"
+    )

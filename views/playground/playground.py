@@ -7,8 +7,10 @@ from __future__ import annotations
 import html
 import threading
 import time
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,29 +31,298 @@ from ..robots import RobotShape, climber
 from ..scene import Scene
 from ..sheet import INK, friction_colours
 from ..terrain import pieces_within, surfaces
-from .answers import SceneAnswer, Session, quick_answer
-from .page_parts import (
-    BRAND,
-    Controls,
-    Files,
+from .answers import (
+    BAD,
+    GOOD,
     LimbLoad,
-    Player,
-    called,
-    from_behind,
-    let_camera,
+    SceneAnswer,
+    Session,
     limb_table,
     loads,
-    named_in,
+    quick_answer,
     summary,
     verdict,
 )
-from .scenario import Scenario
+from .scenario import Grip, Scenario, Slider
 
 _STEP_M = 0.25
 _AROUND_M = 0.75
 """Terrain is shown so far beyond the nominal path, at least."""
 _WAY = "#73808d"
 """Colour of what is in ink on paper: a page is white or nearly black."""
+
+
+_FOV_RAD = 0.75
+BRAND = (39, 64, 127)
+_GRIP_M = 0.16
+"""Length of the arrows of a grip."""
+FAR_M = 1e3
+
+
+class Controls:
+    """Controls with which a page changes a scene. on_slid(key, value), on_dragged(key, position_m):
+    called in order.
+    """
+
+    def __init__(
+        self,
+        server: Any,
+        on_slid: Callable[[str, float], object],
+        on_dragged: Callable[[str, Array], object],
+    ) -> None:
+        self._server, self._on_slid, self._on_dragged = server, on_slid, on_dragged
+        self._sliders = dict[str, Any]()
+        self._grips = dict[str, Any]()
+        self._labels = dict[str, Any]()
+        self._held = set[str]()
+        self._folder = server.gui.add_folder("Scene")
+
+    def update(self, sliders: Sequence[Slider], grips: Sequence[Grip]) -> None:
+        """Show what may be changed now; a grip that is being dragged stays where it is."""
+        for key in set(self._sliders) - {slider.key for slider in sliders}:
+            self._sliders.pop(key).remove()
+        for slider in sliders:
+            self._slide(slider)
+        for key in set(self._grips) - {grip.key for grip in grips}:
+            self._grips.pop(key).remove()  # with the label, which is its child
+            self._labels.pop(key)
+        for grip in grips:
+            self._grip(grip)
+
+    def let_go(self) -> None:
+        """Nobody holds anything any more: a tab was closed."""
+        self._held.clear()
+
+    def _slide(self, slider: Slider) -> None:
+        known = self._sliders.get(slider.key)
+        kind: Any = int if slider.whole else float
+        low, high = kind(min(slider.low, slider.value)), kind(max(slider.high, slider.value))
+        if known is None:
+            with self._folder:
+                known = self._server.gui.add_slider(
+                    slider.title,
+                    min=low,
+                    max=high,
+                    step=kind(slider.step),
+                    initial_value=kind(slider.value),
+                    hint=slider.hint or None,
+                )
+
+            async def slid(event: Any, key: str = slider.key) -> None:
+                if event.client is not None:  # else it was set here
+                    self._on_slid(key, float(event.target.value))
+
+            known.on_update(slid)
+            self._sliders[slider.key] = known
+        elif abs(known.value - slider.value) > 1e-9:
+            known.max, known.min = max(known.max, high), min(known.min, low)
+            known.value = kind(slider.value)
+
+    def _grip(self, grip: Grip) -> None:
+        known = self._grips.get(grip.key)
+        if known is None:
+            name = f"/grips/{grip.key}"
+            known = self._server.scene.add_transform_controls(
+                name,
+                scale=_GRIP_M,
+                active_axes=grip.axes,
+                disable_rotations=True,
+                disable_sliders=sum(grip.axes) < 2,
+                depth_test=False,
+                line_width=3.0,
+                position=tuple(grip.position_m.tolist()),
+            )
+            self._labels[grip.key] = self._server.scene.add_label(
+                f"{name}/label", grip.label, anchor="top-center", position=(0.0, 0.0, -0.03)
+            )
+
+            async def dragged(event: Any, key: str = grip.key) -> None:
+                if event.phase == "start":
+                    self._held.add(key)
+                elif event.phase == "end":
+                    self._held.discard(key)
+                place = np.array(event.target.position, dtype=np.float64)
+                if np.all(np.isfinite(place)) and event.phase != "start":
+                    self._on_dragged(key, np.clip(place, -FAR_M, FAR_M))
+
+            known.on_update(dragged)
+            self._grips[grip.key] = known
+        elif grip.key not in self._held:
+            place = tuple(round(float(value), 6) for value in grip.position_m)
+            if float(np.abs(np.array(known.position) - place).max()) > 1e-6:
+                known.position = place
+        if self._labels[grip.key].text != grip.label:
+            self._labels[grip.key].text = grip.label
+
+
+_FPS = 15.0
+
+
+def next_picture(stop: threading.Event) -> bool:
+    """Wait until the next picture is due; whether it was stopped before."""
+    return stop.wait(1.0 / _FPS)
+
+
+class Player:
+    """In the tab that is open on ``gui``, one key frame a second.
+
+    Arguments:
+        on_time: called, with ``lock`` held, when another time is to be shown; it returns whether
+            there is anything to show, and where there is nothing the time stays. at: the time that
+            is shown; last: where it ends.
+        pause: its clock.
+    """
+
+    def __init__(
+        self,
+        gui: Any,
+        on_time: Callable[[], bool],
+        lock: AbstractContextManager[Any],
+        pause: Callable[[threading.Event], bool] = next_picture,
+    ) -> None:
+        self._on_time, self._lock, self._pause = on_time, lock, pause
+        self._stop: threading.Event | None = None
+        self.at, self.last = 0.0, 0.0
+        self._button = gui.add_button("play")
+        self._button.on_click(self._clicked)
+        self._slider = gui.add_slider("key frame", min=0.0, max=1.0, step=0.02, initial_value=0.0)
+        self._slider.on_update(self._slid)
+
+    def show(self, at: float, last: float) -> None:
+        """From now on it ends there, and this is shown; ``on_time`` is not called."""
+        self.last, self.at = last, min(max(at, 0.0), last)
+        if abs(self._slider.max - max(last, 1.0)) > 1e-9:
+            self._slider.max = max(last, 1.0)
+        if abs(self._slider.value - self.at) > 0.01:
+            self._slider.value = round(self.at, 2)
+
+    def offer(self, there: bool) -> None:
+        """Show the button and the slider if there is something to play; without, neither button nor
+        slider is seen.
+        """
+        if not there:
+            self.stop()
+            self._button.label = "play"
+        for part in (self._button, self._slider):
+            if part.visible != there:
+                part.visible = there
+
+    def stop(self) -> None:
+        """Stay where it is."""
+        if self._stop is not None:
+            self._stop.set()
+            self._stop = None
+
+    def _clicked(self, _event: Any) -> None:
+        if self._stop is not None:
+            self.stop()
+        else:
+            self._stop = threading.Event()
+            threading.Thread(
+                target=self._play, args=(self._stop,), name="player", daemon=True
+            ).start()
+        self._button.label = "play" if self._stop is None else "stop"
+
+    def _slid(self, event: Any) -> None:
+        if event.client is not None:
+            with self._lock:
+                self._go(min(max(float(event.target.value), 0.0), self.last))
+
+    def _play(self, stop: threading.Event) -> None:
+        while not self._pause(stop):
+            with self._lock:
+                if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / _FPS, self.last)):
+                    self.show(self.at, self.last)
+
+    def _go(self, at: float) -> bool:
+        """To another time; whether there was anything to show there."""
+        before, self.at = self.at, at
+        shown = self._on_time()
+        self.at = at if shown else before
+        return shown
+
+
+class Files:
+    """Names, buttons, and a line that says what was written.
+
+    Arguments:
+        saves: by what a button saves, a function of the name that writes it and gives its path, and
+            the command that reads it.
+        show: called with a tab and the name, shows the course's file there.
+    """
+
+    def __init__(
+        self,
+        gui: Any,
+        folder: Path,
+        saves: Mapping[str, tuple[Callable[[str], Path], str]],
+        show: Callable[[Any, str], None],
+    ) -> None:
+        with gui.add_folder("Files"):
+            self._name = gui.add_text(
+                "name", "played", hint="Of the files, without a folder or an ending."
+            )
+            for what, (save, command) in saves.items():
+                button = gui.add_button(f"save {what}", hint=f"Into {folder.resolve()}.")
+                button.on_click(partial(self._save, save, command))
+            show_button = gui.add_button("show course", hint="The course's file, to copy.")
+            show_button.on_click(lambda event: show(event.client, str(self._name.value)))
+            self._said = gui.add_html("")
+
+    def _save(self, save: Callable[[str], Path], command: str, _event: Any) -> None:
+        try:
+            path = save(str(self._name.value))
+            colour, words = GOOD, f"wrote {path}; {command} {path} reads it"
+        except StancekitError as error:
+            colour, words = BAD, str(error)
+        self._said.content = (
+            f'<div id="saved" style="font:12px/1.4 system-ui,sans-serif;color:{colour};margin:4px 2px;'
+            f'overflow-wrap:anywhere">{html.escape(words)}</div>'
+        )
+
+
+def let_camera(server: Any, target_m: Array, away_m: float, towards: Array) -> None:
+    """Set the first view of a page: the camera looks at ``target_m`` from a distance of ``away_m``,
+    in the direction ``towards``, shape (3,).
+    """
+    camera = server.initial_camera
+    camera.look_at, camera.fov = tuple(target_m), _FOV_RAD
+    camera.position = tuple(target_m + away_m * towards / np.linalg.norm(towards))
+
+
+def from_behind(towards: Array, start_m: Array, goal_m: Array) -> Array:
+    """A direction to look from, behind who goes from start to goal: what is left of the robot is
+    left on the page.
+
+    Arguments:
+        towards: from the scene to the eye, shape (3,); one that is ahead of the robot is mirrored.
+    """
+    way = np.array([*(np.asarray(goal_m)[:2] - np.asarray(start_m)[:2]), 0.0])
+    length = float(np.linalg.norm(way))
+    ahead = np.array([1.0, 0.0, 0.0]) if length < 1e-6 else way / length
+    return np.asarray(towards - 2.0 * max(float(towards @ ahead), 0.0) * ahead)
+
+
+def named_in(folder: Path, name: str, ending: str) -> Path:
+    """A file of this name in the folder, and never outside of it, whoever asks.
+
+    Raises InvalidInput.
+    """
+    name = name.strip()
+    if not name or Path(name).name != name or name.startswith("."):
+        raise InvalidInput(f"name: expected one without a folder, got {name!r}")
+    return folder / f"{name}{ending}"
+
+
+def called(robots: Sequence[str]) -> dict[str, str]:
+    """Robots by what a menu calls them: a file by its name, or by all of its path where two have
+    that name.
+    """
+    short = [Path(robot).name if Path(robot).suffix else robot for robot in robots]
+    return {
+        name if short.count(name) == 1 else robot: robot
+        for name, robot in zip(short, robots, strict=True)
+    }
 
 
 class Pictures:

@@ -22,10 +22,13 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStage
 from stancekit.views.plans import PlanView, solver_of
 from stancekit.views.playground import answers as session_module
-from stancekit.views.playground.answers import SceneAnswer, Session, patient_answer, quick_answer
-from stancekit.views.playground.page_parts import (
+from stancekit.views.playground.answers import (
+    SceneAnswer,
+    Session,
     limb_table,
     loads,
+    patient_answer,
+    quick_answer,
     summary,
     verdict,
 )

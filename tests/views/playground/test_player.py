@@ -13,8 +13,8 @@ from stancekit.planners.answer.answer import Status
 from stancekit.planners.problem.course_file import builtin_courses, course_difference, read_course
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.explanation import Relaxation, _change
-from stancekit.views.playground.answers import quick_answer
-from stancekit.views.playground.page_parts import Player, explained, from_behind
+from stancekit.views.playground.answers import explained, quick_answer
+from stancekit.views.playground.playground import Player, from_behind
 from stancekit.views.playground.scenario import Scenario
 from tests.emulators.chromium import PATIENCE_S
 from tests.refusals import assert_names, refuses
