@@ -70,7 +70,6 @@ class SceneAnswer:
     lack: Relaxation | None = None
     report: Report[Any] | None = None
     patient: bool = False
-    share: float = 1.0
     seconds: tuple[float, float] = (0.0, 0.0)
 
     @property
@@ -157,7 +156,6 @@ def _answered(
         lack=lack,
         report=outcome.report,
         patient=patient,
-        share=float(of_plan.get("friction_share", 1.0)),
         seconds=(laid - begin, time.process_time() - laid),
     )
 
@@ -359,7 +357,18 @@ def loads(
         near: angles that unknown ones are sought near, shape (J,) [rad].
     """
     limbs, pressed_n = view.robot.limb_names, now.along_n
-    torques, shares = _torques(len(limbs), now, solver, near)
+    torques, shares = np.full((2, len(limbs)), np.nan)
+    if solver is not None:  # of the joint that is nearest to its limit
+        angles = now.angles_rad
+        if angles is None:
+            angles, _, _ = solver.solve(
+                now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near
+            )
+        torque = np.abs(solver.torques(angles, rotation_of(now.rotation_rad), now.forces_n))
+        share = torque / solver.torque_nm
+        of_limbs = (solver.joints_of(i) for i in range(len(limbs)))
+        worst = [joints[int(share[joints].argmax())] for joints in of_limbs]
+        torques, shares = torque[worst], share[worst]
     cones = now.across_n / np.maximum(now.friction * pressed_n, 1e-9)
     cones = np.where(now.across_n > 1e-6 * pressed_n, cones, 0.0)
     cones = np.where(pressed_n < _CARRIES_N, np.nan, cones)
@@ -368,31 +377,12 @@ def loads(
             name=name,
             force_n=float(np.linalg.norm(now.forces_n[i])),
             cone=float(cones[i]),
-            torque_nm=torques[i],
-            torque=shares[i],
+            torque_nm=float(torques[i]),
+            torque=float(shares[i]),
             in_air=not now.stands[i],
         )
         for i, name in enumerate(limbs)
     ]
-
-
-def _torques(
-    count: int, now: Samples, solver: Kinematics | None, near: Array | None
-) -> tuple[list[float], list[float]]:
-    """For each limb the torque of the joint that is nearest to its limit [Nm], and its share of the
-    joint's limit.
-    """
-    if solver is None:
-        return [float("nan")] * count, [float("nan")] * count
-    angles = now.angles_rad
-    if angles is None:
-        angles, _, _ = solver.solve(
-            now.com_m, now.rotation_rad, now.toes_m, normals=now.normals, seed=near
-        )
-    torque = np.abs(solver.torques(angles, rotation_of(now.rotation_rad), now.forces_n))
-    share = torque / solver.torque_nm
-    worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]
-    return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]
 
 
 def verdict(answer: SceneAnswer, number: int, drawn_ms: float) -> str:
@@ -522,7 +512,8 @@ def summary(answer: SceneAnswer, view: PlanView | None) -> str:
         if np.isfinite(used.values).any()
     ]
     ends = f"{to_goal_mm:.0f} mm from the goal, after {course.frames} key frames"
-    planned = ("planned with", f"{100 * answer.share:.0f} % of the friction")
+    share = float(plan.provenance.get("friction_share", 1.0))
+    planned = ("planned with", f"{100 * share:.0f} % of the friction")
     rows = [("robot", f"{robot.name}, {weight}"), *reserves, planned, ("ends", ends)]
     return (
         '<table id="summary" style="font:12px/1.55 system-ui,sans-serif;margin:2px">'

@@ -72,8 +72,7 @@ class Controls:
     ) -> None:
         self._server, self._on_slid, self._on_dragged = server, on_slid, on_dragged
         self._sliders = dict[str, Any]()
-        self._grips = dict[str, Any]()
-        self._labels = dict[str, Any]()
+        self._grips = dict[str, tuple[Any, Any]]()  # and their labels
         self._held = set[str]()
         self._folder = server.gui.add_folder("Scene")
 
@@ -84,8 +83,7 @@ class Controls:
         for slider in sliders:
             self._slide(slider)
         for key in set(self._grips) - {grip.key for grip in grips}:
-            self._grips.pop(key).remove()  # with the label, which is its child
-            self._labels.pop(key)
+            self._grips.pop(key)[0].remove()  # with the label, which is its child
         for grip in grips:
             self._grip(grip)
 
@@ -119,7 +117,7 @@ class Controls:
             known.value = kind(slider.value)
 
     def _grip(self, grip: Grip) -> None:
-        known = self._grips.get(grip.key)
+        known, label = self._grips.get(grip.key, (None, None))
         if known is None:
             name = f"/grips/{grip.key}"
             known = self._server.scene.add_transform_controls(
@@ -132,7 +130,7 @@ class Controls:
                 line_width=3.0,
                 position=tuple(grip.position_m.tolist()),
             )
-            self._labels[grip.key] = self._server.scene.add_label(
+            label = self._server.scene.add_label(
                 f"{name}/label", grip.label, anchor="top-center", position=(0.0, 0.0, -0.03)
             )
 
@@ -146,13 +144,13 @@ class Controls:
                     self._on_dragged(key, np.clip(place, -FAR_M, FAR_M))
 
             known.on_update(dragged)
-            self._grips[grip.key] = known
+            self._grips[grip.key] = known, label
         elif grip.key not in self._held:
             place = tuple(round(float(value), 6) for value in grip.position_m)
             if float(np.abs(np.array(known.position) - place).max()) > 1e-6:
                 known.position = place
-        if self._labels[grip.key].text != grip.label:
-            self._labels[grip.key].text = grip.label
+        if label.text != grip.label:
+            label.text = grip.label
 
 
 _FPS = 15.0
@@ -555,7 +553,8 @@ class Playground:
         try:
             self.session.change(edit)
         except StancekitError as error:
-            self._notify(str(error))
+            for client in self.clients():
+                client.add_notification("Not possible", str(error), auto_close_seconds=8.0)
             return False
         return True
 
@@ -566,10 +565,6 @@ class Playground:
                 self._robot = name
             else:
                 self._menu.value = self._robot
-
-    def _notify(self, text: str) -> None:
-        for client in self.clients():
-            client.add_notification("Not possible", text, auto_close_seconds=8.0)
 
     # ------------------------------------------------------------------------------------------------
     # what is seen

@@ -23,7 +23,7 @@ from stancekit.planners.files.documents import yaml_of
 from stancekit.planners.problem import Problem
 from stancekit.planners.problem.course_between import LaidBetween, course_between
 from stancekit.planners.problem.course_file import described, spec_from
-from stancekit.planners.problem.course_keys import ALTERNATIVES, AS_ASKED, Alternative, CourseSpec
+from stancekit.planners.problem.course_keys import ALTERNATIVES, AS_ASKED, Alternative
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.reach_sets import Sets, standing_toes
@@ -201,8 +201,10 @@ class Scenario:
         ):  # the file's goal only says where the way goes; here it is where the way ends
             del keys["stride_m"]
             keys["goal_m"] = laid.goal_m.tolist()
-        mass = laid.robot.mass_kg if "mass_kg" not in keys else own_kg(spec, folder)
-        made = cls(keys=keys, folder=folder, stride_m=max(stride, 1e-3), own_kg=mass)
+        own = laid.robot
+        if "mass_kg" in keys:
+            own = spec.model_copy(update={"mass_kg": None}).make_robot(folder)
+        made = cls(keys=keys, folder=folder, stride_m=max(stride, 1e-3), own_kg=own.mass_kg)
         return made if robot is None else made.with_robot(robot)
 
     @classmethod
@@ -463,12 +465,6 @@ def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[
             for each in changed.get("via_m", ())
         ]
     return changed, hexapod().mass_kg if robot == "hexapod" else model.mass_kg
-
-
-def own_kg(spec: CourseSpec, folder: Path) -> float:
-    """Mass of a course's robot without what its key mass_kg says [kg]."""
-    plain = spec.model_copy(update={"mass_kg": None})
-    return plain.make_robot(folder).mass_kg
 
 
 def _stands_m(keys: Mapping[str, Any], folder: Path) -> float:
