@@ -24,6 +24,7 @@ from stancekit.planners.formats.table_file import csv_of, joint_trajectory_bytes
 from stancekit.planners.motion.gait_motion import feet_motion
 from stancekit.planners.motion.motion import LARGEST_RATE_HZ, MotionTable, Played, table_of
 from stancekit.planners.motion.plan_motion import reached_s
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.meshes import numbers_of
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.terrain.mesh_file import compiled_mjcf
@@ -627,6 +628,8 @@ def moved_of(subject: Motion[Any], to: str, rate_hz: float = RATE_HZ, source: st
     joints = () if motion is None or robot is None else robot.joint_names
     name = "" if robot is None else robot.name
     table = table_of(sampled, limbs, joints, rate_hz, robot=name, source=source)
+    if motion is not None:
+        table = table.with_columns(feet_m=_centres(table, Kinematics(subject.legged)))
     keys = reached_s(motion).tolist() if motion is not None and subject.keyed else ()
     return Moved(
         table=table,
@@ -637,6 +640,16 @@ def moved_of(subject: Motion[Any], to: str, rate_hz: float = RATE_HZ, source: st
         keys_s=tuple(keys),
         without=without,
     )
+
+
+def _centres(table: MotionTable, kinematics: Kinematics) -> Array:
+    """Centres of the feet where the joints have them, shape (T, N, 3) [m]: balls roll."""
+    origin, angles = table.columns["origin_m"], table.columns["angles_rad"]
+    feet = [
+        leg.chain.feet(angles[:, kinematics.joints_of(i)])
+        for i, leg in enumerate(kinematics.model.legs)
+    ]
+    return np.asarray(origin[:, None] + np.einsum("tij,ntj->tni", table.rotation, feet))
 
 
 def beside(source: Path, to: str) -> Path:
