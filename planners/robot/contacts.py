@@ -453,11 +453,11 @@ def _example(leg: Leg, shapes: Sequence[Shape], mounts: Mapping[str, Mount]) -> 
     if corners and hull_of(points := np.vstack(corners)) is not None:
         far_m = np.linalg.norm(mount.placed(points), axis=1)
         middle = points[far_m >= far_m.max() - _FARTHER_M].mean(axis=0)
-        centre, away = _about(surface_points(points, _FINE * np.ptp(points)))
-        if away.max() <= 3.0 * away.min():  # a rod is no ball
+        size_m = np.ptp(points, axis=0).max()
+        centre, away = _about(surface_points(points, _FINE * size_m))
+        if away.max() <= min(3.0 * away.min(), size_m):  # a rod is no ball, and a plate none
             middle, radius_m = centre, 0.5 * (away.min() + away.max())
-            off_mm = 500.0 * np.ptp(away)
-            why = f"the ball nearest to its shape, {off_mm:.1f} mm off at most"
+            why = f"the ball nearest to its shape, {500.0 * np.ptp(away):.1f} mm off at most"
     point = ", ".join(f"{round(float(value), 4) + 0.0:g}" for value in middle)
     return f"e.g. {{{leg.foot}: {{point_m: [{point}], radius_m: {radius_m:.4g}}}}}, {why}"
 

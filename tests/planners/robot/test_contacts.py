@@ -73,6 +73,7 @@ def test_a_mesh_with_corners_is_a_point(tmp_path: Path) -> None:
     [
         ('<box size=".06 .04 .02"/>', "LF_FOOT: {point_m: [0, 0, -0.01], radius_m: 0}"),
         ('<cylinder radius=".01" length=".1"/>', "point_m: [0, 0, -0.05], radius_m: 0}"),
+        ('<box size=".2 .1 .004"/>', "point_m: [0, 0, -0.002], radius_m: 0}"),
         ('<box size=".04 .04 .04"/>', "LF_FOOT: {point_m: [0, 0, 0], radius_m: 0.02733"),
     ],
 )  # of a cube of half side a the ball between inner and outer one is of (1 + √3) a / 2, 0.0273 m
