@@ -74,15 +74,21 @@ class GaitSettings:
         CHARTS.get(self.chart)
         checked_choice(self.dynamics, "dynamics", get_args(_Dynamics))
         checked_choice(self.hessian, "hessian", ("exact", "lbfgs"))
-        above = ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m")
         check_numbers(
             self,
-            above=above,
-            least=("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s", "footing"),
+            above=("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m"),
+            least=(
+                "reach_margin_m",
+                "clearance_m",
+                "trunk_clearance_m",
+                "swing_height_m",
+                "switch_slack_s",
+                "footing",
+            ),
         )
         if self.mean_forces and self.dynamics != "centred":
             raise InvalidInput(
                 f"mean_forces: expected centred dynamics with it, got {self.dynamics}"
             )
         for name in ("max_iterations", "swing_nodes"):
-            checked_int(getattr(self, name), f"{name}", least=1)
+            checked_int(getattr(self, name), name, least=1)

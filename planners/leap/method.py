@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Literal, Protocol, get_args
 
 import numpy as np
 
-from ..errors import InvalidInput
-from ..files.arrays import Array, check_numbers, checked_choice, checked_int, cross
+from ..files.arrays import Array, check_numbers, checked, checked_choice, checked_int, cross
 
 if TYPE_CHECKING:
     from .numbers import LeapNumbers
@@ -277,10 +276,8 @@ class LeapFinder:
 
     def __post_init__(self) -> None:
         checked_choice(self.order, "order", get_args(Order))
-        check_numbers(self, above=("share", "price"))
-        if not 0.0 < self.share <= 1.0:
-            raise InvalidInput(
-                f"share: expected a share of the friction up to 1, got {self.share:g}"
-            )
+        check_numbers(self, above=("price",), least=("stop",) if self.stop != np.inf else ())
+        checked(self.share, "share", above=0.0, most=1.0)
         checked_int(self.solves, "solves", least=1)
         checked_int(self.proof, "proof")
+        checked_int(self.seed, "seed")

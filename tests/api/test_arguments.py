@@ -199,14 +199,16 @@ def test_a_plan_is_for_another_robot_where_one_is_named(tmp_path):
     assert stancekit.plan("stairs", frames=2, robot="hexapod").solution is not None
 
 
+@pytest.mark.parametrize("none", [None, float("nan")])
 @pytest.mark.parametrize(
-    "part", ["body", "limits", "timing", "tolerance", ImportOptions, Imperfections]
+    "part",
+    ["body", "limits", "timing", "tolerance", ImportOptions, Imperfections, stancekit.LeapFinder],
 )
-def test_none_is_no_number_of_settings_that_have_one(part: Any) -> None:
+def test_none_is_no_number_of_settings_that_have_one(part: Any, none: float | None) -> None:
     usual = getattr(stancekit.RunSettings(), part) if isinstance(part, str) else part()
     for name in [each for each, value in vars(usual).items() if isinstance(value, float | int)]:
         with refuses(name):
-            type(usual)(**{name: None})
+            type(usual)(**{name: none})
 
 
 def test_numbers_of_numpy_are_numbers():
