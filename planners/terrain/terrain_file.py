@@ -281,7 +281,10 @@ def _distinct(points: Array) -> Array:
     """A cloud, shape (K, 3), without points that are within ``_SAME_M`` of one before them: how many
     there are says how fine it is.
     """
-    for shift in (0.0, 0.5):  # what a border of one grid divides is together in the other
+    for shift in (
+        0.25,
+        0.75,
+    ):  # away from decimals; what one grid's borders divide is one in the other
         cells = np.floor(points / _SAME_M + shift)
         order = np.lexsort(cells.T)
         new = np.append(True, np.any(np.diff(cells[order], axis=0), axis=1))
