@@ -17,6 +17,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.motion import doubts_of
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import checked_int
@@ -137,8 +138,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[A
         judged = self._of_all(_by_key([verdict.info for verdict in verdicts]))
         begun = self._begin(np.ones(self.num_envs, dtype=np.bool_))
         infos = self._of_all({**begun, "final_obs": rows, "final_info": judged})
-        rewards = np.array([verdict.reward for verdict in verdicts])
         ended = np.ones(self.num_envs, dtype=np.bool_)
+        rewards = np.array([verdict.reward for verdict in verdicts])
         return all_seen(self._at), rewards, ended, ~ended, infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -148,6 +149,11 @@ class EnvelopeSelectionVectorEnv(VectorEnv[_Observation, NDArray[Any], NDArray[A
         from stancekit.views.sheet import to_rgb
 
         return tuple(to_rgb(picture(scene)) for scene in self._at)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Doubts of the robot and the ground, as those of ``EnvelopeSelectionEnv``."""
+        return doubts_of(self._task.law)
 
     def _begin(self, mask: NDArray[np.bool_]) -> dict[str, NDArray[Any]]:
         """Draw the next scenes of those in the mask; what is known of all before any action."""

@@ -170,8 +170,8 @@ def remove_root_joint(root: Element) -> bool:
     there was one.
     """
     for world, joint in _tied(root):
-        shown_too = [part for part in ("collision", "visual") if world.find(part) is not None]
-        if not shown_too and joint.get("type") in _FLYING:
+        bare = not {"collision", "visual"} & {part.tag for part in world}
+        if bare and joint.get("type") in _FLYING:
             root.remove(joint)
             root.remove(world)
             return True

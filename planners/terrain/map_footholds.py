@@ -264,9 +264,8 @@ def _planes_of(
             ground = _ground(*(reached.get(other) or _mask(padded, other, places[other])))
             outer = (outer - ground).simplify(0.05)
         if between is not None:
-            aside_m = widest.about_m + 0.5 * spacing
-            carries = between, replace(widest, about_m=aside_m, wider_m=0.0)
-            outlines = [carries, (outer, replace(widest, wider_m=FOR_BODIES_M))]
+            carries = replace(widest, about_m=widest.about_m + 0.5 * spacing, wider_m=0.0)
+            outlines = [(between, carries), (outer, replace(widest, wider_m=FOR_BODIES_M))]
         for polygon, known_so in outlines:
             around = replace(facet, polygon=_on_plane(polygon, plane, spacing))
             surfaces += [
@@ -520,7 +519,7 @@ def _to_creases(
         every = own | binary_opening(own | (second[window] == number), square)
         simple, up_to = (_outline(mask, first, 0.5)[0] for mask in (own, every))
         added = up_to - simple - _ground(every, first)
-        if up_to.area > simple.area and added.area < SMALLEST_M:
+        if up_to.area > simple.area and added.area < 1e-3:  # in cells, no more than rounding
             reached[number] = every, first
             for other in np.unique(padded[window][second[window] == number]).tolist():
                 beside.setdefault(number, set()).add(other)

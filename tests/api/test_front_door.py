@@ -182,10 +182,15 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
     answer = stancekit.plan(steep, **ends)  # undecided, or explain asked for a proof
     assert_names(stancekit.explain(answer).message, "steep.obj", "steep")
     with pytest.warns(UserWarning, match="inside out"):
-        env, answer, rows, heights, mapped = (
-            gymnasium.make(
-                "stancekit.envs:stancekit/EnvelopeSelection-v0", problem="terrain-3", terrain=mended
-            ),
+        envs, answer, rows, heights, mapped = (
+            [
+                make(
+                    "stancekit.envs:stancekit/EnvelopeSelection-v0",
+                    problem="terrain-3",
+                    terrain=mended,
+                )
+                for make in (gymnasium.make, gymnasium.make_vec)
+            ],
             stancekit.plan(mended, **ends),
             stancekit.label("terrain-3", tmp_path / "rows", rows=2, terrain=mended),
             stancekit.heights(mended),
@@ -193,7 +198,7 @@ def test_a_question_that_cannot_be_met_is_an_answer_and_doubts_stand_in_it(tmp_p
         )
     (doubt,) = answer.doubts
     assert_names(doubt, "mended.obj", "1 closed parts")
-    assert rows.header.doubts == [doubt] == list(env.get_wrapper_attr("doubts"))
+    assert [rows.header.doubts, *(list(env.unwrapped.doubts) for env in envs)] == 3 * [[doubt]]
     mapped.save(tmp_path / "map.npz")
     assert StandingMap.read(tmp_path / "map.npz").doubts == (doubt,)
     walked = stancekit.walk(heights, (0.2, 0.0), duration_s=2.0, chart="decoupled")
