@@ -259,7 +259,7 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         area = facet.polygon.area
         if facet.plane.normal[2] < np.cos(limits.slope_rad) - 1e-9:
             refused["steep"] += area
-        elif area < limits.least_m * limits.least_m * 0.5:
+        elif area < 0.5 * limits.least_m**2:
             refused["small"] += area
         else:
             free = around.uncovered(facet)
@@ -281,7 +281,14 @@ def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) 
         for facet in facets
         if facet.plane.normal[2] < -0.8 and np.isfinite(around.lowest[facet.triangles[0]])
     ]
-    if (bare := sum(back.area for back in around.outside(backs))) > limits.least_m**2:
+    bare = sum(
+        back.area
+        for back in around.outside(backs, roofs=False)
+        if not back.buffer(
+            -0.5 * limits.least_m
+        ).is_empty  # as where a slanting look meets a border
+    )
+    if bare > 0.0:
         doubt(
             f"{mesh.name}: {bare:.3g} m² of open sheets face down, and are no ground: turn their "
             "normals, unless they are ceilings"
@@ -459,14 +466,18 @@ class _Around:
         whole = (heights.min(axis=1) >= _ABOVE_M) & (heights.max(axis=1) <= self._headroom_m)
         shadows = flat[whole], _slabs(flat[~whole], heights[~whole], self._headroom_m)
         polygons = np.concatenate([self._shapely.polygons(_closed(each)) for each in shadows])
-        core = facet.polygon.buffer(-_THIN_M)  # what shares a border with it covers nothing
-        touching = polygons[self._shapely.intersects(core, polygons)]
+        # what shares a border with it covers nothing
+        touching = polygons[self._shapely.intersects(facet.polygon.buffer(-_THIN_M), polygons)]
         if not len(touching):
             return facet.polygon
         return _difference(facet.polygon, self._shapely.union_all(touching, grid_size=1e-7))
 
-    def outside(self, facets: list[FlatPiece]) -> list[Any]:
-        """Part of each facet that is outside of all solids."""
+    def outside(self, facets: list[FlatPiece], *, roofs: bool = True) -> list[Any]:
+        """Part of each facet that is outside of all solids.
+
+        Arguments:
+            roofs: an open sheet all of which has headroom below it is a roof, and holds nothing.
+        """
         parts = [self._parts(facet) for facet in facets]
         points = [
             facet.plane.world(
@@ -480,7 +491,7 @@ class _Around:
         for number, facet in enumerate(facets):
             owners[facet.triangles] = number
         free = iter(
-            self._winding(np.concatenate([*points, np.zeros((0, 3))]), facet_of, owners) <= 0
+            self._winding(np.concatenate([*points, np.zeros((0, 3))]), facet_of, owners, roofs) <= 0
         )
         parts_left = [[part for part in of if next(free)] for of in parts]
         return [
@@ -533,18 +544,19 @@ class _Around:
         return facet.plane.flat(self._open[over] - (heights[over] / rise)[..., None] * along)
 
     def _winding(
-        self, points: Array, facet_of: NDArray[np.int_], own: NDArray[np.int_]
+        self, points: Array, facet_of: NDArray[np.int_], own: NDArray[np.int_], roofs: bool
     ) -> NDArray[np.int_]:
         """Triangles that face up above each point less those that face down, shape (K,).
 
         A facet's own triangles are as far off its plane as flat things may be, and none of them is
-        above it. An open sheet all of which has headroom below it is a roof, and holds nothing.
+        above it.
 
         Arguments:
             facet_of: number of the facet that each point is on.
             own: of each triangle, −1 for none.
+            roofs: see ``outside``.
         """
-        tops, lean = points[:, 2] + self._headroom_m, np.zeros((3, 3))
+        tops, lean = points[:, 2] + (self._headroom_m if roofs else np.inf), np.zeros((3, 3))
         lean[2, :2] = _LEAN
         corners, points = self._corners - self._corners @ lean, points - points @ lean
         a, b, c = np.moveaxis(corners, 1, 0)
@@ -555,8 +567,8 @@ class _Around:
         point, triangle = tree.query(self._shapely.points(points[:, :2]))
         of, way = double[triangle], points[point] - a[triangle]
         with np.errstate(all="ignore"):
-            s = (way[:, 0] * v[triangle, 1] - way[:, 1] * v[triangle, 0]) / of
-            t = (u[triangle, 0] * way[:, 1] - u[triangle, 1] * way[:, 0]) / of
+            s = flat_cross(way, v[triangle]) / of
+            t = flat_cross(u[triangle], way) / of
             hit = (
                 (s >= 0.0)
                 & (t >= 0.0)

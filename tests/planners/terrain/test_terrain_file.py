@@ -48,9 +48,11 @@ def test_a_cloud_of_a_plane_is_a_map_of_it(suffix, tmp_path):
 def test_points_that_a_cloud_has_several_times_count_once(off_m, tmp_path):
     """As in scans that were put together: a plane of 2 x 2 m is ground up to a foot's margin."""
     away = np.random.default_rng(1).uniform(-off_m, off_m, (4, *POINTS.shape))
-    away += 5e-7 * np.round(POINTS / 5e-7)  # as a file of seven decimals has them
-    written = save_cloud(tmp_path / "c.npy", np.concatenate(away)), ImportOptions(kind="cloud")
-    found, count = read_footholds(*written), read_terrain(*written).samples.sum()
+    asked = (  # rounded as by a file of seven decimals
+        save_cloud(tmp_path / "c.npy", np.concatenate(5e-7 * np.round(POINTS / 5e-7) + away)),
+        ImportOptions(kind="cloud"),
+    )
+    found, count = read_footholds(*asked), read_terrain(*asked).samples.sum()
     assert (len(found.pieces), 3.7 < found.area_m2 < 4.03, count) == (1, True, len(POINTS))
 
 
@@ -88,7 +90,7 @@ def test_a_crop_cuts_meshes_maps_and_clouds_alike(tmp_path):
     np.save(tmp_path / "grid.npy", np.zeros((81, 81)))
     limits = FootholdLimits(margin_m=0.0)
     mesh = read_footholds(tmp_path / "box.stl", ImportOptions(crop_m=crop), limits)
-    assert mesh.area_m2 == pytest.approx(0.5, rel=1e-6)
+    assert (mesh.area_m2, mesh.doubts) == (pytest.approx(0.5, rel=1e-6), ())
     for low, high in ((0.1, 0.2), (0.0, 0.1)):  # what lies on the border belongs to it
         flat = ImportOptions(crop_m=(*crop, low, high))
         assert read_footholds(tmp_path / "box.stl", flat, limits).area_m2 == pytest.approx(0.5)
