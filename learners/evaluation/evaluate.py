@@ -323,7 +323,9 @@ def _score(
             for way in projections
         },
         gap=float(np.median([info["gap"] for info in admitted])) if admitted else float("nan"),
-        p1_ms=float(np.median([1e3 * info["p1_seconds"] for info in infos])),
+        p1_ms=float(np.median([1e3 * info["p1_seconds"] for info in infos]))
+        if infos
+        else float("nan"),
     )
 
 

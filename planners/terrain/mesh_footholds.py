@@ -431,9 +431,7 @@ def _standing(part: FlatPiece, width_m: float, friction: float, *, strips: bool)
     if wide_enough or not strips:
         return wide_enough
     narrow = part.patches(SMALLEST_M, friction)
-    return [
-        strip for strip in narrow if float(np.ptp(strip.vertices_m, axis=0).max()) > LONG * width_m
-    ]
+    return [strip for strip in narrow if np.ptp(strip.vertices_m, axis=0).max() > LONG * width_m]
 
 
 class _Around:
@@ -538,7 +536,7 @@ class _Around:
         heights = facet.plane.height(self._open)
         over = heights.max(axis=1) > _ABOVE_M
         along = np.array([*_LEAN, 1.0])
-        rise = float(facet.plane.normal @ along)
+        rise = facet.plane.normal @ along
         if abs(rise) < 1e-6:
             return np.zeros((0, 2, 2))
         return facet.plane.flat(self._open[over] - (heights[over] / rise)[..., None] * along)

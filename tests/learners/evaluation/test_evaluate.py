@@ -65,10 +65,25 @@ def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
         right[scene.feasible] += (
             programs.get(McCormick, scaled.layout).solve(scaled, box).feasible == scene.feasible
         )
-    assert score.p1_feasible == Share(hits=right[True], of=14)
-    assert score.p1_infeasible == Share(hits=right[False], of=10)
+    assert (score.p1_feasible, score.p1_infeasible) == (
+        Share(hits=right[True], of=14),
+        Share(hits=right[False], of=10),
+    )
     assert 0 < score.projected["fix-toes"].hits <= right[True]
     assert score.balanced == pytest.approx((right[True] / 14 + right[False] / 10) / 2.0)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_score_of_no_scenes_has_no_time(envelopes: EnvelopeSet) -> None:
+    assert np.isnan(
+        evaluate(
+            "quantile",
+            Learned.fixed("quantile", envelopes),
+            [],
+            problem_class="wall-3",
+            projections=("fix-p",),
+        ).p1_ms
+    )
 
 
 def test_any_number_of_processes_gives_the_same_shares(
@@ -89,12 +104,12 @@ def test_any_number_of_processes_gives_the_same_shares(
         )
         for workers in (1, 2)
     )
-    assert (one.p1_feasible, one.p1_infeasible, one.projected) == (
+    assert (one.p1_feasible, one.p1_infeasible, one.projected, one.gap) == (
         two.p1_feasible,
         two.p1_infeasible,
         two.projected,
+        two.gap,
     )
-    assert one.gap == two.gap
     assert message == [(7, 24), (14, 24), (21, 24), (24, 24)] * 2
 
 
