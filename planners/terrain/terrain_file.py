@@ -17,7 +17,15 @@ from ..files.arrays import Array, array_of, checked, told, unpacked
 from ..files.documents import decoded, read_bytes, shown
 from .elevation import ElevationMap
 from .heightfield import MOST_POINTS, WIDEST_M, HeightField
-from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind, doubts
+from .import_options import (
+    OTHER_UNIT,
+    SUFFIXES,
+    SUFFIXES_OF,
+    ImportOptions,
+    Kind,
+    doubt,
+    doubts,
+)
 from .mesh_file import read_corners, read_scene
 from .mesh_formats.numbers import MOST_BYTES, Surface
 from .mesh_formats.ply import HEAD_BYTES, read_ply
@@ -73,8 +81,14 @@ def read_grid(path: Path, options: ImportOptions, name: str) -> ElevationMap:
 
 
 def _shifted(found: ElevationMap, options: ImportOptions) -> ElevationMap:
-    """The map moved by the offset, and cropped."""
+    """The map moved by the offset, and cropped; a doubt where it is higher than it is wide."""
     x, y, z = options.offset_m
+    rises, wide = (
+        np.nanmax(found.heights_m) - np.nanmin(found.heights_m),
+        found.x_m[-1] - found.x_m[0],
+    )
+    if rises > max(wide, found.y_m[-1] - found.y_m[0]):
+        doubt(f"{found.name}: heights span {rises:.4g} m over {wide:.4g} m of ground; {OTHER_UNIT}")
     moved = ElevationMap(
         x_m=found.x_m + x, y_m=found.y_m + y, heights_m=found.heights_m + z, name=found.name
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain.footholds import read_footholds
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import named_terrain
@@ -81,6 +82,15 @@ def test_millimetres_are_noticed_and_read_with_their_unit(tmp_path):
         read_heights(tmp_path / "mm.stl")
     field = read_heights(tmp_path / "mm.stl", ImportOptions(unit_m=0.001))
     np.testing.assert_allclose(field.heights_m, wave(field.x_m[:, None], field.y_m), atol=2e-6)
+
+
+def test_a_grid_higher_than_it_is_wide_is_doubted(tmp_path):
+    heights = np.outer([0, 0, 0, 180, 180, 180], np.ones(5, dtype=int))
+    np.save(tmp_path / "heights.npy", heights)
+    with pytest.warns(UserWarning, match="180 m"):
+        assert read_footholds(tmp_path / "heights.npy", ImportOptions(spacing_m=0.2)).doubts
+    mm = ImportOptions(spacing_m=0.2, unit_m=1e-3)
+    assert read_footholds(tmp_path / "heights.npy", mm).doubts == ()
 
 
 def test_a_hole_in_a_mesh_says_where_it_is(tmp_path):
