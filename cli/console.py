@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
+    from stancekit import Motion
     from stancekit.planners.gait.method.attempt import Attempt
+    from stancekit.runner.report import Execution
 
 
 class _Plain:
@@ -345,3 +347,30 @@ def watching(title: str) -> Iterator[Callable[[Attempt, int, float, float, str],
             lines.say(text)
 
         yield show
+
+
+def show(
+    motion: Motion[Any],
+    executed: Execution | None = None,
+    *,
+    picture: Path | None = None,
+    video: Path | None = None,
+    html: Path | None = None,
+) -> list[Path]:
+    """Write the picture, the film and the page that were asked for; their names.
+
+    Arguments:
+        executed: how a world had the motion, which is then shown.
+    """
+    written = [path for path in (picture, video, html) if path is not None]
+    if not written:
+        return []
+    from stancekit import draw, film
+
+    if picture is not None:
+        draw(motion, executed=executed, out=picture)
+    for path in (video, html):
+        if path is not None:
+            with progress(f"film {path}") as bar:
+                film(motion, path, executed, progress=bar)
+    return written

@@ -13,7 +13,7 @@ import tyro
 from stancekit.planners.answer.motion import doubts_of
 from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
 
-from .console import as_options, complain, draw_to_file, emit, err, out, say, watching
+from .console import as_options, complain, draw_to_file, emit, err, out, say, show, watching
 from .options import (
     OF_FILE,
     OptionalFloat,
@@ -26,7 +26,6 @@ from .options import (
     heading,
     place,
 )
-from .pictures import show
 
 if TYPE_CHECKING:
     from stancekit import Walk

@@ -15,7 +15,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput, NoPlace
 
-from .console import as_options, complain, emit, out, progress, results, say
+from .console import as_options, complain, emit, out, progress, results, say, show
 from .options import (
     OF_METHOD,
     CourseMethodOptions,
@@ -30,7 +30,6 @@ from .options import (
     named,
     wrench_numbers,
 )
-from .pictures import show
 from .solve import Between
 
 if TYPE_CHECKING:

@@ -27,6 +27,7 @@ from .console import (
     out,
     progress,
     say,
+    show,
     tell,
 )
 from .options import (
@@ -40,7 +41,6 @@ from .options import (
     check_out,
     wrench_numbers,
 )
-from .pictures import show
 
 if TYPE_CHECKING:
     from rich.table import Table

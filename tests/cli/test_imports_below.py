@@ -53,7 +53,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "console": {DRAWS: ("views.sheet",)},
-    "export": {LATER: ("planners.formats.motion_file",)},
     "fit": {
         CHOICES: ("planners.projection.project",),
         TOOL: ("learners.evaluation.evaluate",),
@@ -100,17 +99,6 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
             "views.playground.serving",
         ),
     },
-    "robot": {
-        TOOL: (
-            "planners.robot.model",
-            "planners.robot.reach_sets",
-            "planners.robot.robot_file",
-        ),
-        DRAWS: (
-            "planners.robot.meshes",
-            "views.robots",
-        ),
-    },
     "run": {
         TOOL: (
             "runner.log",
@@ -143,13 +131,23 @@ MAY: dict[str, dict[str, tuple[str, ...]]] = {
         ),
     },
     "terrain": {
+        TOOL: (
+            "planners.robot.model",
+            "planners.robot.reach_sets",
+            "planners.robot.robot_file",
+        ),
         DRAWS: (
+            "planners.robot.meshes",
             "views.maps",
             "views.page",
+            "views.robots",
             "views.terrain",
-        )
+        ),
     },
-    "verify": {CHOICES: ("envs.data.ledger",)},
+    "verify": {
+        CHOICES: ("envs.data.ledger",),
+        LATER: ("planners.formats.motion_file",),
+    },
 }
 """By file and reason: the modules that are imported."""
 
