@@ -15,7 +15,7 @@ from stancekit.planners.answer.motion import Motion
 from stancekit.planners.answer.plan import LeapPlan, Plan
 from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import programs_of_this_thread
-from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed
+from stancekit.planners.errors import InvalidInput, NoPlace, PlanningFailed, until
 from stancekit.planners.files.arrays import Array, checked as checked_number
 from stancekit.planners.files.documents import shown
 from stancekit.planners.leap.method import LeapFinder
@@ -149,7 +149,8 @@ def plan(
     try:
         with doubts() as heard:
             question = _question(course, frames, robot, start, goal, settings.standing)
-            answer: Answer[Any] = _answer(question, planner, settings, deadline, progress)
+            with until(deadline):
+                answer: Answer[Any] = _answer(question, planner, settings, deadline, progress)
     except (NoPlace, PlanningFailed) as error:  # of a ground or a layout with nothing to stand on
         answer = unmet(error, planner.name, robot)
     said = answer.doubts
@@ -235,14 +236,16 @@ def _between_places(
         why = answer.message or answer.status.value
     except (NoPlace, PlanningFailed) as error:
         why = str(error)
-    from stancekit.planners.leap.crossing import cross  # of gaps alone
     from stancekit.planners.search.flood import flood
 
     robot = question.robot
     leaps = settings.leaps and robot is not None and robot.own
     passage = (question if leaps else question.local).passage()  # crossings are in the world
     proof = None if settings.wrench is not None else flood(passage)
-    if leaps and robot is not None and settings.push_n == 0.0 and settings.wrench is None:
+    crosses = leaps and settings.push_n == 0.0 and settings.wrench is None
+    if crosses and robot is not None and time.perf_counter() < deadline:
+        from stancekit.planners.leap.crossing import cross  # of gaps alone
+
         crossed = cross(
             question,
             planner,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, cast, get_args
 import tyro
 from rich.text import Text
 
-from stancekit.planners.errors import InvalidInput, NoPlace
+from stancekit.planners.errors import InvalidInput, NoPlace, TimeEnded, until
 
 from .console import as_options, complain, emit, out, progress, results, say, show
 from .options import (
@@ -490,8 +490,11 @@ class PlanCourse:
         title = f"plan {Path(self.course).stem} by {self.method}"
         with progress(title) as show, self.between.in_options():
             try:
-                question = self.between.question(self.course, self.frames, self.robot, self.reach)
-            except NoPlace as error:  # a ground with nothing to stand on
+                with until(begin + self.time_limit_s):
+                    question = self.between.question(
+                        self.course, self.frames, self.robot, self.reach
+                    )
+            except (NoPlace, TimeEnded) as error:  # a ground with nothing to stand on
                 return unmet(error, self.method, self.robot)
             what = self.between.asked(self.frames, self.robot, self.reach)
             left_s = max(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -108,10 +110,24 @@ class HardwareFault(StancekitError):
     """
 
 
-class TimeEnded(StancekitError):
+class TimeEnded(PlanningFailed):
     """Work that was given a deadline did not end by then; whoever gave it goes on with what there
     is.
     """
+
+
+_ENDS: ContextVar[float] = ContextVar("when the time ends", default=math.inf)
+"""Deadline of the work that goes on (``time.perf_counter()``)."""
+
+
+@contextmanager
+def until(deadline: float) -> Iterator[None]:
+    """What checks the time meanwhile ends by this deadline (``time.perf_counter()``)."""
+    token = _ENDS.set(deadline)
+    try:
+        yield
+    finally:
+        _ENDS.reset(token)
 
 
 def not_installed(where: str, package: str | None, use: str, extra: str) -> InvalidInput:
@@ -186,7 +202,11 @@ def located(where: str) -> Iterator[None]:
         raise (error if told.startswith(file) else InvalidInput(f"{where}: {told}")) from None
 
 
-def check_time(deadline: float) -> None:
-    """Raise TimeEnded after a deadline (``time.perf_counter()``)."""
-    if time.perf_counter() > deadline:
-        raise TimeEnded("the time limit ended")
+def check_time(deadline: float | None = None, *, doing: str = "") -> None:
+    """Raise TimeEnded after a deadline (``time.perf_counter()``), by default that of ``until``.
+
+    Arguments:
+        doing: what the time ended in, "while a way was looked for".
+    """
+    if time.perf_counter() > (_ENDS.get() if deadline is None else deadline):
+        raise TimeEnded(f"the time limit ended {doing}".rstrip())

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..answer.trajectory import Trajectory
-from ..errors import check_time
+from ..errors import check_time, until
 from ..files.arrays import Array, cross
 from ..robot.inverse_kinematics import (
     InverseKinematics,
@@ -230,7 +230,8 @@ class JointPath:
         Raises InvalidInput for a path of which there are too many, and TimeEnded after the deadline
         (``time.perf_counter()``).
         """
-        counts = self.path.counts(self._apart_m)
+        with until(deadline):
+            counts = self.path.counts(self._apart_m)
         moments = self.path.divided(counts)
         postures = self._postures(moments)
         assert postures.error_m is not None

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ..answer.plan import Plan
 from ..arguments import cached_property
-from ..errors import InvalidInput
+from ..errors import InvalidInput, check_time
 from ..files.arrays import Array, way_to
 from ..robot.inverse_kinematics import descend
 from ..robot.leg import levelled, rotations_of
@@ -276,6 +276,7 @@ class PlanPath:
         return support or tuple(range(len(self._names)))
 
     def _step(self, k: int) -> tuple[Segment, ...]:
+        check_time(doing="while paths of feet were looked for")
         old, new = self._holds[k - 1], self._holds[k]
         moving = [self._names.index(name) for name in self.plan.problem.lifts[k]]
         comes = old.copy()

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..arguments import cached_property
-from ..errors import InvalidInput
+from ..errors import InvalidInput, check_time
 from ..files.arrays import Array, checked_int, read_only
 from ..files.documents import validated
 from ..robot.model import Robot, hexapod
@@ -88,6 +88,7 @@ def course_between(
         made = validated(CourseSpec, {**keys, **more}, _called(terrain.file))
         return made.of_robot(robot) if isinstance(robot, Robot) else made
 
+    check_time(doing="before the course was laid out")
     spec = described()
     body = spec.make_robot(folder)
     terrain = terrain.for_robot(body)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput, NoPlace, PlanningFailed
+from ..errors import InvalidInput, NoPlace, PlanningFailed, check_time
 from ..files.arrays import Array
 from ..robot.model import Robot
 from ..terrain.patch import Patch
@@ -975,6 +975,7 @@ def _room(
     near = [i for i in order if spans[i][1] > lowest - most and spans[i][0] < highest + most]
     for number in reversed(range(len(rooms))):
         for i in near:
+            check_time(doing="while a way of the body was looked for")
             window = _window(surfaces[i], hulls[number], low, spacing, z.shape)
             body, ground = z[window], slope[window]
             bottom, top = _span(surfaces[i], ground, window, low, spacing)

@@ -30,7 +30,7 @@ from ..answer.plan import Plan
 from ..answer.report import LATE
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput, TimeEnded
+from ..errors import InvalidInput, TimeEnded, check_time
 from ..files.arrays import LARGEST, Array, checked, checked_int
 from ..motion.joints import STRAY_M, path_torques, plan_angles
 from ..robot.kinematics import Kinematics, rotation_of
@@ -322,6 +322,7 @@ def _at_key_frames(
         share, torque_nm = largest(one, solver, limits.of(solver))
         if clearance is None:
             return _WholeBodyPlan(plan=one, share=share, torque_nm=torque_nm)
+        check_time(deadline)
         report = check_plan(one, joints=True, deadline=deadline)
         if report.late:
             raise TimeEnded(LATE)

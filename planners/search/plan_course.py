@@ -18,6 +18,7 @@ import numpy as np
 
 from ..answer.answer import Answer, Effort, Status
 from ..answer.plan import Plan
+from ..answer.report import LATE
 from ..errors import InvalidInput, NoPlace, PlanningFailed
 from ..files.arrays import Array
 from ..problem import Problem
@@ -669,11 +670,10 @@ def _laid_out(
     if first is None:
         assert refusal is not None
         raise refusal
-    return (
-        first
-        if stated or tried < 2
-        else replace(first, message=f"{first.message}; {tried} layouts tried")
-    )
+    if stated or tried < 2:
+        return first
+    late = f" until {LATE}" if time.perf_counter() + laid_s >= deadline else ""
+    return replace(first, message=f"{first.message}; {tried} layouts tried{late}")
 
 
 def _wall_s(began: tuple[float, float], processor_s: float) -> float:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import installed
+from ..errors import check_time, installed
 from ..files.arrays import Array, flat_cross
 from .patch import Certainty, Patch, flat_patches
 from .polygon import shear_of, width
@@ -27,6 +27,7 @@ _STRAIGHT = 1e-3
 """Sine of a turn that counts as none: 57 mm off on 57 m."""
 _SAME_M = 1e-9
 """Corners closer than this are one."""
+_FINDING = "while footholds were looked for"
 
 _Loop = list[int]
 _Point = Sequence[float]
@@ -35,6 +36,7 @@ _Corners = Sequence[_Point]
 
 def _convex_pieces(polygon: Any) -> list[Array]:
     """The pieces of a polygon of shapely's, each by its corners to the left, shape (U, 2) [m]."""
+    check_time(doing=_FINDING)
     outline = np.asarray(polygon.exterior.coords)[:-1]
     if not polygon.interiors:
         outline = outline if polygon.exterior.is_ccw else outline[::-1]
@@ -74,6 +76,7 @@ def _merged(loops: list[_Loop], flat: _Corners) -> list[_Loop]:
     """Loops that touch along edges, merged pair by pair while the union stays convex."""
     pieces, merged = dict(enumerate(loops)), True
     while merged:
+        check_time(doing=_FINDING)
         merged, changed = False, set[int]()
         for one, other in _touching(pieces):
             if changed & {one, other}:

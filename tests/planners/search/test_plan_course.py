@@ -16,8 +16,10 @@ import pytest
 
 import stancekit
 from stancekit import Answer, Motion, Status
-from stancekit.planners.errors import TimeEnded
+from stancekit.planners.errors import TimeEnded, until
+from stancekit.planners.motion.path import PlanPath
 from stancekit.planners.problem import Problem
+from stancekit.planners.problem.course_between import laid_between
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_keys import ALTERNATIVES, Alternative
 from stancekit.planners.projection.whole_body import WholeBodyLimits
@@ -252,6 +254,20 @@ def test_what_there_is_when_the_time_ends_is_kept_and_not_called_accepted(
     assert late.report.contacts
     assert late.report.unchecked == ("joints", "torque", "bodies", "motion")
     assert check_plan(late.solution, joints=True).accepted  # with time there is nothing against it
+
+
+def test_reading_and_laying_out_and_paths_of_feet_end_with_the_time_and_say_what_it_ended_in(
+    climb: Motion,
+) -> None:
+    question = laid_between(stancekit.terrain("stairs:0.1:3"), (0.0, 0.0), (0.1, 0.0))
+    for ends, said in (
+        (lambda: stancekit.terrain("stairs:0.3:4"), "while footholds were looked for"),
+        (lambda: question("inner"), "before the course was laid out"),
+        (lambda: PlanPath(climb).steps, "while paths of feet were looked for"),
+    ):
+        with until(-math.inf), pytest.raises(TimeEnded, match=f"the time limit ended {said}"):
+            ends()
+        ends()  # with time nothing is missing of what was cut short
 
 
 def test_a_layout_that_could_not_be_laid_out_in_time_is_not_begun(
