@@ -37,7 +37,6 @@ def simulate(
     motion: _Motion | str | Path,
     world: str | JointBus = "mujoco",
     *,
-    setup: str | Path | None = None,
     settings: RunSettings = RunSettings(check_limits=False),
     progress: Progress | None = None,
 ) -> RunReport:
@@ -47,7 +46,6 @@ def simulate(
     Arguments:
         motion: a plan of key frames, a walk, a leap, a crossing, or the file of one.
         world: "mujoco", "bullet", "FILE.py:NAME", or a simulated world that was made before.
-        setup: a file with stiffness and damping of the contacts.
         settings: settings of the run; limits are checked only with ``check_limits``.
         progress: called with the numbers of key frames done and of all.
 
@@ -69,7 +67,7 @@ def simulate(
     """
     accepted = accepted_of(motion)
     check_run(accepted, world, settings, led=False)
-    made = _world(world, accepted, setup)
+    made = _world(world, accepted)
     if made.kind != "simulation":
         made.close()
         called = world if isinstance(world, str) else made.name
@@ -98,8 +96,7 @@ def run(
             ``policy`` also a course, by name or file.
         world: "mujoco", "bullet", "dynamixel", "ros", "FILE.py:NAME", or a world that was made
             before.
-        setup: the file that a world is made from: the calibration of dynamixel, the set-up of ros,
-            the ground of mujoco and bullet.
+        setup: the file that a world is made from: the calibration of dynamixel, the set-up of ros.
         settings: how it is run.
         arm: None moves nothing real, and says what would have been sent. "heard" arms where the
             e-stop was heard or it is published, "try" once it was pressed and released,

@@ -248,7 +248,7 @@ class RunMotion:
     """Where to run it: bullet, mujoco, dynamixel, ros, one of another package, or a class in a
     file."""
     setup: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
-    """What the world is made from. dynamixel: the calibration file. ros: the set-up file. bullet, mujoco: ground that yields."""
+    """What the world is made from. dynamixel: the calibration file. ros: the set-up file."""
     policy: Annotated[OptionalText, tyro.conf.arg(metavar="lift|FILE|NAME")] = None
     """Who plans on the way: any trained selector, a file or one that ships, or the lift, which
     needs none."""

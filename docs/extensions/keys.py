@@ -94,11 +94,6 @@ SECTIONS = (
         ("runner.worlds.dynamixel.control_table:Calibration",),
     ),
     Section(
-        "Simulations",
-        "`stancekit/simulation/1`, YAML or JSON for `stancekit run --world mujoco|bullet --setup`.",
-        ("runner.worlds.world:SimulationSetup",),
-    ),
-    Section(
         "Robots behind a rosbridge",
         "`stancekit/ros/1`, YAML for `stancekit run --world ros --setup`.",
         ("runner.worlds.ros.joint_states:RosSetup",),

@@ -30,13 +30,11 @@ from .world import (
     Drives,
     Imperfections,
     JointBus,
-    SimulationSetup,
     SoftContact,
     State,
     Terrain,
     WorldKind,
     WorldSettings,
-    read_setup,
 )
 
 _SPECK = 1e-6
@@ -409,16 +407,10 @@ class SimulatedWorld(JointBus):
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
         """Make the world, see ``JointBus``."""
-        contact = settings.contact
         if settings.setup is not None:
-            if contact is not None:
-                raise InvalidInput(
-                    "contact_stiffness_n_m: expected a value from the set-up file or from the "
-                    "option, got both"
-                )
-            contact = read_setup(SimulationSetup, settings.setup).contact
+            raise InvalidInput(f"setup: expected none with a simulation, got {settings.setup}")
         rate_hz = _RATE_HZ if settings.rate_hz is None else settings.rate_hz
-        options = {} if contact is None else {"contact": contact}
+        options = {} if settings.contact is None else {"contact": settings.contact}
         return cls(
             settings.robot,
             settings.servo,

@@ -308,29 +308,6 @@ def points(depths_m: Array, normals: Array) -> float:
     return float(np.maximum(depths_m, 0.0) @ along / depths_m[first])
 
 
-@dataclass(frozen=True, kw_only=True)
-class SimulationSetup(Strict):
-    """The set-up file of a simulation: what of the world is not as usual.
-
-    Arguments:
-        contact_stiffness_n_m: force of each foot per depth [N/m]; without it the ground is hard.
-        contact_damping_ns_m: force per speed of sinking [N s/m]; without it that of a robot which
-            sinks without swinging.
-    """
-
-    format: Literal["stancekit/simulation/1"] = "stancekit/simulation/1"
-    contact_stiffness_n_m: Annotated[float | None, Field(gt=0.0, le=_MOST_N_M)] = None
-    contact_damping_ns_m: Annotated[float | None, Field(ge=0.0, le=_MOST_N_M)] = None
-
-    def __post_init__(self) -> None:
-        SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
-
-    @property
-    def contact(self) -> SoftContact | None:
-        """The ground that it asks for, None for hard ground."""
-        return SoftContact.of(self.contact_stiffness_n_m, self.contact_damping_ns_m)
-
-
 Setup = TypeVar("Setup")
 
 
@@ -686,12 +663,10 @@ def make_world(
         name: of ``WORLDS``, or FILE.py:NAME.
         servo: of drawn-up legs, in place of the robot's own.
         rate_hz: targets a second, the world's own where None.
-        setup: the calibration file of ``dynamixel``, the set-up file of ``ros``, ground that yields
-            in simulations.
+        setup: the calibration file of ``dynamixel``, the set-up file of ``ros``.
         imperfections: of a simulated robot.
         actuators: what turns its joints, None for what its file, or the device's, says.
-        contact: ground of a simulation that yields, None for hard ground, unless the set-up file
-            says otherwise.
+        contact: ground of a simulation that yields, None for hard ground.
 
     Raises:
         InvalidInput: for an unknown name, a file that is missing or wrong, and a package that is

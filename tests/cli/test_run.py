@@ -223,7 +223,7 @@ def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refu
             {"world": "ros", "setup": Path("none.yaml")},
             "none.yaml: expected a file, found nothing there",
         ),
-        ({"setup": Path("x")}, "x: expected a file, found nothing there"),
+        ({"setup": Path("x")}, "--setup: expected none with a simulation, got x"),
         ({"picture": Path("x.png")}, "--picture: expected --log FILE.mcap with it"),
         ({"policy": "none.json"}, "none.json: expected a file, found nothing there"),
         (

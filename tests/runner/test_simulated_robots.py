@@ -12,7 +12,6 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg import ActuatorModel, Actuators
@@ -29,16 +28,14 @@ from stancekit.runner.worlds.world import (
     Ground,
     Imperfections,
     JointBus,
-    SimulationSetup,
     SoftContact,
     State,
     Terrain,
     WorldSettings,
     make_world,
-    read_setup,
 )
 from tests.planners.robot.small_urdfs import fixed, link, quadruped
-from tests.refusals import assert_names, refuses
+from tests.refusals import refuses
 
 MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
 STANCE = {"*_HAA": 0.0, "*_HFE": 0.6, "*_KFE": -1.2}
@@ -397,45 +394,11 @@ def test_ground_that_cannot_bear_the_robot_is_refused(made: Callable[..., JointB
         made(OF, contact=SoftContact(stiffness_n_m=5e3))
 
 
-def test_a_set_up_file_says_how_the_ground_yields(
+def test_a_set_up_file_is_of_no_use_to_a_simulation(
     tmp_path: Path, made: Callable[..., JointBus]
 ) -> None:
-    file = tmp_path / "soft.yaml"
-    file.write_text("format: stancekit/simulation/1\ncontact_stiffness_n_m: 2.0e+4\n")
-    with made(OF, setup=file) as world:
-        assert world.contact == SoftContact(stiffness_n_m=2e4)  # type: ignore[attr-defined]
-    with refuses():
-        made(OF, setup=file, contact=SoftContact(stiffness_n_m=2e4))
-
-
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        (
-            "format: stancekit/ros/1\n",
-            "format",
-        ),
-        (
-            "format: stancekit/simulation/1\ncontact_stiffness_n_m: -1\n",
-            "contact_stiffness_n_m",
-        ),
-        ("format: stancekit/simulation/1\nstiff: 1\n", "stiff"),
-        (
-            "format: stancekit/simulation/1\ncontact_damping_ns_m: 1\n",
-            "contact_damping_ns_m",
-        ),
-    ],
-)
-def test_a_set_up_file_that_is_wrong_is_refused_in_one_line(
-    tmp_path: Path, text: str, said: str
-) -> None:
-    file = tmp_path / "soft.yaml"
-    file.write_text(text)
-    with pytest.raises(InvalidInput) as error:
-        read_setup(SimulationSetup, file)
-    assert str(error.value).startswith(f"{file}: ")
-    assert_names(str(error.value), said)
-    assert "\n" not in str(error.value)
+    with refuses("setup", "soft.yaml"):
+        made(OF, setup=tmp_path / "soft.yaml")
 
 
 def test_worlds_of_other_people_without_soft_ground_are_made_as_before() -> None:
