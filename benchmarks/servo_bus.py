@@ -34,7 +34,7 @@ from _device_runs import ended, forked, planned, rows, running, said, wait
 
 from stancekit.planners.formats.motion_file import read_motion
 from stancekit.runner.worlds.dynamixel.control_table import nominal
-from tests.emulators.devices import start_of
+from tests.emulators.devices import shafts, start_of
 
 HERE = ROOT / "tests" / "emulators" / "robotis"
 SOURCE = "ROBOTIS-GIT/Dynamixel2Arduino"
@@ -129,13 +129,13 @@ def main(arguments: Arguments) -> int:
             watchdog_s=WATCHDOG_S,
         )
         calibration.write(folder / "servos.yaml")
-        shafts = ",".join(f"{angle:.5f}" for angle in calibration.shafts(names, start))
+        stand = ",".join(f"{angle:.5f}" for angle in shafts(calibration, names, start))
         for case in CASES:
             if arguments.only and not case.fault.startswith(arguments.only):
                 continue
             for key in (f"{case.fault} {k}" for k in range(arguments.count)):
                 if key not in results.rows:
-                    print(line(results.add(key, run(case, folder, shafts))), flush=True)
+                    print(line(results.add(key, run(case, folder, stand))), flush=True)
     return told(list(results.rows.values()))
 
 
@@ -161,13 +161,13 @@ def build(folder: Path, sources: Path | None) -> None:
     subprocess.run([*command, "-o", str(folder / "robotis_bus"), "-lutil"], check=True)
 
 
-def run(case: Case, folder: Path, shafts: str) -> dict[str, Any]:
+def run(case: Case, folder: Path, stand: str) -> dict[str, Any]:
     """Row of one run of a case, on a fresh bus."""
     log = folder / "bus.log"
     for name in ("bus", "bus.log", "run.mcap"):
         (folder / name).unlink(missing_ok=True)
     fast = case.fault == "no fast sync read"  # which the firmware should have, and has not
-    command = [str(folder / "robotis_bus"), "bus", "48" if fast else "44", shafts, "bus.log"]
+    command = [str(folder / "robotis_bus"), "bus", "48" if fast else "44", stand, "bus.log"]
     with subprocess.Popen(command, cwd=folder, stdin=subprocess.PIPE, text=True) as bus:
         assert bus.stdin is not None
         wait(lambda: (folder / "bus").is_symlink() and len(rows(log)) > 0)

@@ -7,8 +7,10 @@ from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
@@ -31,6 +33,24 @@ calibrated or mapped wrong."""
 _Measured = tuple[Array, Array, Array]
 
 
+class Turning:
+    """Between joint angles [rad] and what a device says of them, direction · angle / unit + zero, for
+    joints in one order; J joints.
+    """
+
+    def __init__(self, direction: ArrayLike, zero: ArrayLike, unit: float = 1.0) -> None:
+        self.direction, self.zero = np.asarray(direction, float), np.asarray(zero, float)
+        self.unit = unit
+
+    def told(self, angles_rad: Array) -> Array:
+        """Values of the device, shape (…, J)."""
+        return np.asarray(self.zero + self.direction * angles_rad / self.unit)
+
+    def angles(self, values: NDArray[Any]) -> Array:
+        """Joint angles, shape (…, J)."""
+        return np.asarray(self.direction * (values - self.zero) * self.unit)
+
+
 class HardwareWorld(JointBus):
     """Joints of a device: the one life of servos on a bus and of a robot behind a rosbridge.
 
@@ -46,8 +66,12 @@ class HardwareWorld(JointBus):
     wrong = "is its calibration right"
     """What to ask about a joint that is measured beyond its limits."""
 
-    def __init__(self, robot: Robot, servo: Servo | None, drives: Drives, rate_hz: float) -> None:
-        super().__init__(robot, servo, drives, rate_hz, senses=False)
+    def __init__(
+        self, robot: Robot, servo: Servo | None, drives: Drives, rate_hz: float | None
+    ) -> None:
+        super().__init__(
+            robot, servo, drives, RATE_HZ if rate_hz is None else rate_hz, senses=False
+        )
         self._kinematics = Kinematics(robot, self.servo)
         own = self._kinematics.velocity_rad_s  # joints turn no faster than their file allows
         fastest = np.minimum(self.capabilities.velocity_rad_s, np.where(own > 0.0, own, np.inf))

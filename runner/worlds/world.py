@@ -308,20 +308,67 @@ def points(depths_m: Array, normals: Array) -> float:
     return float(np.maximum(depths_m, 0.0) @ along / depths_m[first])
 
 
-Setup = TypeVar("Setup")
+@dataclass(frozen=True, kw_only=True)
+class SetupFile(Strict):
+    """The joints of a device, by name.
 
+    Subclasses have ``joints``, and ``format`` by which their files begin.
 
-def read_setup(kind: type[Setup], path: str | Path) -> Setup:
-    """Read a set-up file, YAML or JSON, of a dataclass whose field ``format`` says how it begins.
-
-    Raises InvalidInput with all that is wrong.
+    Arguments:
+        robot: the name of the robot that the device moves; a plan for another one is refused. None
+            says nothing.
     """
-    data, known = read_yaml(path), kind.__dataclass_fields__["format"].default  # type: ignore[attr-defined]
-    if data.get("format") != known:
-        raise InvalidInput(f"{path}: format: expected {known}, got {shown(data.get('format'), 40)}")
-    return validated(kind, data, str(path))
+
+    format: str
+    robot: Annotated[str | None, Field(min_length=1)] = None
+    joints: Mapping[str, Any]
+
+    def check(self, joints: Sequence[str]) -> None:
+        """Raise InvalidInput unless it has exactly these joints."""
+        missing = [name for name in joints if name not in self.joints]
+        unknown = [name for name in self.joints if name not in joints]
+        wrong = [f"expected joint {', '.join(missing)}, got nothing"] if missing else []
+        wrong += [f"unknown joint {', '.join(unknown)}"] if unknown else []
+        if wrong:
+            raise InvalidInput("joints: " + "; ".join(wrong))
+
+    @classmethod
+    def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> Self:
+        """Read a file, YAML or JSON, for a robot with these joints.
+
+        Raises InvalidInput with all that is wrong.
+        """
+        data, known = read_yaml(path), cls.__dataclass_fields__["format"].default
+        if data.get("format") != known:
+            raise InvalidInput(
+                f"{path}: format: expected {known}, got {shown(data.get('format'), 40)}"
+            )
+        setup = validated(cls, data, str(path))
+        if joints is not None:
+            try:
+                setup.check(joints)
+            except InvalidInput as error:
+                raise InvalidInput(f"{path}: {error}") from None
+        return setup
+
+    def write(self, path: str | Path) -> None:
+        """Write a file that ``from_yaml`` reads."""
+        write_text(path, yaml_of(asdict(self), flow=False))
 
 
+def own(names: Mapping[str, Any], key: str, what: str) -> list[str]:
+    """One line for every joint whose name or number at the device another joint before it has."""
+    owner, wrong = dict[Any, str](), list[str]()
+    for joint, name in names.items():
+        if name in owner:
+            wrong.append(
+                f"joints.{joint}.{key}: expected {what}, got {name}, which {owner[name]} has"
+            )
+        owner.setdefault(name, joint)
+    return wrong
+
+
+_Setup = TypeVar("_Setup", bound=SetupFile)
 EstopCheck = Literal["heard", "try", "without"]
 """Way in which an e-stop is known to work before a robot is armed: it, or its publisher, is there;
 it is pressed and released; or it is not asked for."""
@@ -356,22 +403,21 @@ class WorldSettings:
     def __post_init__(self) -> None:
         object.__setattr__(self, "servo", self.servo or self.robot.servo)
 
-    def file(self, content: str, world: str) -> Path:
-        """The set-up file.
+    def device(self, kind: type[_Setup], content: str, world: str) -> _Setup:
+        """The set-up file of a device, as it is for this robot and its joints.
 
-        Raises InvalidInput, which says what should be in it, where there is none.
+        Raises InvalidInput, which says what should be in it, where there is none, for what is wrong
+        with it, and for a file of another robot.
         """
         if self.setup is None:
             raise InvalidInput(f"setup: expected {content} with world {world}, got none")
-        return self.setup
-
-    def check_name(self, robot: str | None) -> None:
-        """Raise InvalidInput for a set-up file of another robot; None says nothing."""
-        if robot not in (None, self.robot.name):
+        setup = kind.from_yaml(self.setup, self.robot.joint_names)
+        if setup.robot not in (None, self.robot.name):
             raise InvalidInput(
                 f"{self.setup}: robot: expected {self.robot.name}, whom the plan is for, got "
-                f"{robot}"
+                f"{setup.robot}"
             )
+        return setup
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -683,58 +729,3 @@ def make_world(
         contact=contact,
     )
     return WORLDS.get(name).make(settings)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SetupFile(Strict):
-    """The joints of a device, by name.
-
-    Subclasses have ``joints``, and ``format`` by which their files begin.
-
-    Arguments:
-        robot: the name of the robot that the device moves; a plan for another one is refused. None
-            says nothing.
-    """
-
-    format: str
-    robot: Annotated[str | None, Field(min_length=1)] = None
-    joints: Mapping[str, Any]
-
-    def check(self, joints: Sequence[str]) -> None:
-        """Raise InvalidInput unless it has exactly these joints."""
-        missing = [name for name in joints if name not in self.joints]
-        unknown = [name for name in self.joints if name not in joints]
-        wrong = [f"expected joint {', '.join(missing)}, got nothing"] if missing else []
-        wrong += [f"unknown joint {', '.join(unknown)}"] if unknown else []
-        if wrong:
-            raise InvalidInput("joints: " + "; ".join(wrong))
-
-    @classmethod
-    def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> Self:
-        """Read a file, YAML or JSON, for a robot with these joints.
-
-        Raises InvalidInput with all that is wrong.
-        """
-        setup = read_setup(cls, path)
-        if joints is not None:
-            try:
-                setup.check(joints)
-            except InvalidInput as error:
-                raise InvalidInput(f"{path}: {error}") from None
-        return setup
-
-    def write(self, path: str | Path) -> None:
-        """Write a file that ``from_yaml`` reads."""
-        write_text(path, yaml_of(asdict(self), flow=False))
-
-
-def own(names: Mapping[str, Any], key: str, what: str) -> list[str]:
-    """One line for every joint whose name or number at the device another joint before it has."""
-    owner, wrong = dict[Any, str](), list[str]()
-    for joint, name in names.items():
-        if name in owner:
-            wrong.append(
-                f"joints.{joint}.{key}: expected {what}, got {name}, which {owner[name]} has"
-            )
-        owner.setdefault(name, joint)
-    return wrong

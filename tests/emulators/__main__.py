@@ -19,7 +19,7 @@ import tyro
 
 from stancekit.planners.errors import StancekitError
 
-from .devices import serve, start_of
+from .devices import serve, shafts, start_of
 
 
 @dataclass(kw_only=True)
@@ -58,7 +58,10 @@ class Bus:
                 if self.setup is None
                 else Calibration.from_yaml(self.setup, names)
             )
-            angles, link = calibration.shafts(names, start).tolist(), link or Path(calibration.port)
+            angles, link = (
+                shafts(calibration, names, start).tolist(),
+                link or Path(calibration.port),
+            )
             servos |= {
                 "ids": [each.id for each in calibration.ordered(names)],
                 "model": calibration.kind.number,

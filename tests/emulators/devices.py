@@ -11,11 +11,14 @@ import signal
 import stat
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
+import numpy as np
+
 from stancekit.planners.files.arrays import Array
+from stancekit.runner.worlds.dynamixel.control_table import Calibration
 
 ROOT = Path(__file__).parents[2]
 FAULT = re.compile(r"(?P<fault>.*?)(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?")
@@ -91,6 +94,11 @@ def bus_process(position_rad: Iterable[float], seed: int = 0) -> DeviceProcess:
 def bridge_process(plan: Path) -> DeviceProcess:
     """The robot of a plan behind a rosbridge of ROS 2, in a process of its own."""
     return DeviceProcess("rosbridge", plan, "--port=0")
+
+
+def shafts(calibration: Calibration, joints: Sequence[str], angles_rad: Array) -> Array:
+    """Angles of the servos' shafts from their tick 2048 [rad] for joint angles, shape (J,) both."""
+    return np.asarray((calibration.turning(joints).told(angles_rad) - 2048) * np.pi / 2048)
 
 
 def start_of(path: Path) -> tuple[tuple[str, ...], Array]:

@@ -19,7 +19,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.worlds.dynamixel.control_table import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators import __main__ as emulators
-from tests.emulators.devices import DeviceProcess, start_of
+from tests.emulators.devices import DeviceProcess, shafts, start_of
 
 
 @pytest.fixture
@@ -83,8 +83,8 @@ def test_without_a_calibration_file_they_are_those_that_a_run_is_tried_with(fold
         state = bus.state()
     assert state["ids"] == list(range(1, 25))
     robot = read_motion("plan.json")[0].problem.robot
-    shafts = nominal(robot, port="bus").shafts(names, angles)
-    np.testing.assert_allclose(state["position_rad"], shafts)
+    stand = shafts(nominal(robot, port="bus"), names, angles)
+    np.testing.assert_allclose(state["position_rad"], stand)
 
 
 @pytest.mark.parametrize(

@@ -27,11 +27,10 @@ from stancekit.runner.worlds.dynamixel.bus import MeasurementJudge
 from stancekit.runner.worlds.dynamixel.control_table import (
     Calibration,
     JointServo,
-    ServoTicks,
     nominal,
 )
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
-from tests.emulators.devices import Emulated, bus_process
+from tests.emulators.devices import Emulated, bus_process, shafts
 from tests.emulators.fast_time import fast_bus
 from tests.emulators.servo_bus import FAULTS, EmulatedBus
 from tests.emulators.wrong_calibration import spoiled
@@ -64,7 +63,7 @@ def mirrored(port: str) -> Calibration:
     return Calibration(port=port, watchdog_s=0.6, latency_ms=LATENCY_MS, joints=joints)
 
 
-SHAFTS = mirrored("none").shafts(JOINTS, START).tolist()
+SHAFTS = shafts(mirrored("none"), JOINTS, START).tolist()
 
 
 @pytest.fixture
@@ -124,7 +123,7 @@ def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(
     assert bus.clock.now - begin > 49 * 0.02
     np.testing.assert_allclose(state.sent_rad, wave(49), atol=0.51 * table.RAD)
     np.testing.assert_allclose(
-        bus.state()["goal_rad"], world.calibration.shafts(JOINTS, state.sent_rad), atol=1e-9
+        bus.state()["goal_rad"], shafts(world.calibration, JOINTS, state.sent_rad), atol=1e-9
     )
     assert 0.0 < away < 0.1  # the lag of the servo's loop, at up to .63 rad/s
     assert bus.state()["goal_writes"] == 24 * 51
@@ -563,7 +562,7 @@ def test_an_angle_comes_back_from_its_tick_within_half_a_tick(
     servo = JointServo(
         id=1, zero_tick=zero, direction=direction, lower_rad=-0.001, upper_rad=0.001, current_a=1.0
     )
-    turning = ServoTicks([servo])
-    ticks = turning.ticks(np.array([angle]))
+    turning = Calibration(port="none", joints={"a": servo}).turning(["a"])
+    ticks = np.rint(turning.told(np.array([angle])))
     assert np.sign(ticks[0] - zero) in (0, direction * np.sign(angle))
     assert abs(turning.angles(ticks)[0] - angle) <= np.pi / 4096 + 1e-12

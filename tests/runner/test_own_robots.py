@@ -19,6 +19,7 @@ from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.hardware import HardwareWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.joint_states import same_names
+from tests.emulators.devices import shafts
 from tests.emulators.fast_time import fast_bus
 from tests.emulators.ros_robots import QUICK, emulated
 from tests.planners.robot.small_urdfs import fixed, joint, link, robot
@@ -45,7 +46,7 @@ def legged(legs: int, joints: int) -> Robot:
 @contextmanager
 def on_bus(own: Robot) -> Iterator[HardwareWorld]:
     names = own.joint_names
-    start = nominal(own, port="none").shafts(names, np.zeros(len(names)))
+    start = shafts(nominal(own, port="none"), names, np.zeros(len(names)))
     with fast_bus(range(1, 1 + len(names)), start.tolist()) as bus:
         calibration = replace(nominal(own, port=bus.path, watchdog_s=1.0), latency_ms=40.0)
         with DynamixelWorld(own, calibration) as world:

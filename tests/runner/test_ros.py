@@ -340,8 +340,8 @@ def test_angles_go_to_ros_by_direction_and_offset_and_come_back() -> None:
     mapping = Mapping(RosSetup(joints=joints), NAMES)
     assert mapping.names == ("a", "b")
     angles = np.array([[0.2, 0.3], [-1.0, 0.0]])
-    np.testing.assert_allclose(mapping.to_ros(angles), [[0.3, 0.3], [1.5, 0.0]])
-    np.testing.assert_allclose(mapping.from_ros(mapping.to_ros(angles)), angles)
+    np.testing.assert_allclose(mapping.told(angles), [[0.3, 0.3], [1.5, 0.0]])
+    np.testing.assert_allclose(mapping.angles(mapping.told(angles)), angles)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.control.tracker import Tracker, command
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds.dynamixel.control_table import ServoTicks, nominal
+from stancekit.runner.worlds.dynamixel.control_table import nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.mujoco import MujocoWorld
 from stancekit.runner.worlds.world import Drives, State, make_world
@@ -99,11 +99,11 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
         patient = RunSettings(limits=PATIENT)
         body = DynamixelWorld(robot, calibration, rate_hz=RATE_HZ)
         done = Runner(body, settings=patient, dry=False, log=real).run(accepted)
-        turning = ServoTicks(calibration.ordered(world.joints))
+        turning = calibration.turning(world.joints)
     assert done.succeeded, done.message
     count = len(simulated.asked)
     assert np.array_equal(real.asked[-count:], simulated.asked)
-    assert bus.goals[-count:] == [turning.ticks(sent).tolist() for sent in simulated.sent]
+    assert bus.goals[-count:] == [np.rint(turning.told(sent)).tolist() for sent in simulated.sent]
     assert (
         np.abs(simulated.lean[-1]).max() > 3.0 * done.joint_rms_rad
     )  # joints do not go where loads are sent for

@@ -15,11 +15,11 @@ import numpy as np
 from pydantic import Field
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import Strict
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import builtin_actuators
 
+from ..hardware import Turning
 from ..world import SetupFile, own
 
 
@@ -229,13 +229,12 @@ class Calibration(SetupFile):
         """The servos of these joints."""
         return [self.joints[name] for name in joints]
 
-    def shafts(self, joints: Sequence[str], angles_rad: Array) -> Array:
-        """Angles of the servos' shafts from their tick 2048 [rad] for joint angles, shape (J,)
-        both.
-        """
+    def turning(self, joints: Sequence[str]) -> Turning:
+        """Between angles of these joints and ticks of their servos."""
         servos = self.ordered(joints)
-        zero = np.array([servo.zero_tick - _CENTRE_TICK for servo in servos])
-        return np.array([servo.direction for servo in servos]) * angles_rad + RAD * zero
+        return Turning(
+            [each.direction for each in servos], [each.zero_tick for each in servos], RAD
+        )
 
 
 def nominal(robot: Robot, /, *, port: str, **settings: Any) -> Calibration:
@@ -258,19 +257,3 @@ def nominal(robot: Robot, /, *, port: str, **settings: Any) -> Calibration:
                 current_a=current_a,
             )
     return Calibration(port=port, joints=joints, **settings)
-
-
-class ServoTicks:
-    """Between joint angles [rad] and ticks, for joints in one order; J joints."""
-
-    def __init__(self, servos: Sequence[JointServo]) -> None:
-        self.zero = np.array([servo.zero_tick for servo in servos])
-        self.direction = np.array([servo.direction for servo in servos])
-
-    def ticks(self, angles_rad: Array) -> np.ndarray[Any, np.dtype[np.int64]]:
-        """The nearest ticks, shape (J,)."""
-        return np.asarray(np.rint(self.zero + self.direction * angles_rad / RAD), dtype=np.int64)
-
-    def angles(self, ticks: np.ndarray[Any, Any]) -> Array:
-        """Joint angles, shape (J,)."""
-        return np.asarray(self.direction * (ticks - self.zero) * RAD, dtype=np.float64)

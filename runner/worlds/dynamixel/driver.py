@@ -23,7 +23,7 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo
 
-from ..hardware import RATE_HZ, HardwareWorld, listed
+from ..hardware import HardwareWorld, listed
 from ..world import Drives, WorldSettings
 from . import control_table as table
 from .bus import (
@@ -37,7 +37,7 @@ from .bus import (
     unanswered,
     unsigned,
 )
-from .control_table import Calibration, ServoTicks
+from .control_table import Calibration
 
 _ROUNDS = 3
 """Number of times that a setting that did not arrive is written."""
@@ -172,7 +172,7 @@ class DynamixelWorld(HardwareWorld):
         calibration: Calibration,
         servo: Servo | None = None,
         *,
-        rate_hz: float = RATE_HZ,
+        rate_hz: float | None = None,
         actuators: Actuators | None = None,
     ) -> None:
         drives = Drives.of(
@@ -191,7 +191,7 @@ class DynamixelWorld(HardwareWorld):
         self.calibration = calibration
         calibration.check(self.joints)
         self._servos = calibration.ordered(self.joints)
-        self._turning, self._kind = ServoTicks(self._servos), calibration.kind
+        self._turning, self._kind = calibration.turning(self.joints), calibration.kind
         self._current = np.array([round(each.current_a / table.AMPERE) for each in self._servos])
         ids = [each.id for each in self._servos]
         self.bus = ServoBus(
@@ -212,16 +212,12 @@ class DynamixelWorld(HardwareWorld):
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
         """Make the world, see ``JointBus``."""
-        calibration = Calibration.from_yaml(
-            settings.file("a calibration file", cls.name), settings.robot.joint_names
-        )
-        settings.check_name(calibration.robot)
-        rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
+        calibration = settings.device(Calibration, "a calibration file", cls.name)
         return cls(
             settings.robot,
             calibration,
             settings.servo,
-            rate_hz=rate_hz,
+            rate_hz=settings.rate_hz,
             actuators=settings.actuators,
         )
 
@@ -395,7 +391,7 @@ class DynamixelWorld(HardwareWorld):
                 )
 
     def _put(self, angles_rad: Array) -> Array:
-        ticks = self._turning.ticks(angles_rad)
+        ticks = np.rint(self._turning.told(angles_rad)).astype(np.int64)
         self.bus.write_all(table.GOAL_POSITION, ticks)
         return self._turning.angles(ticks)
 

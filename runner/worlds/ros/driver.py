@@ -24,7 +24,7 @@ from stancekit.planners.robot.leg import Actuators
 from stancekit.planners.robot.robot_file import Servo
 
 from ...safety.estop import StopLatch
-from ..hardware import RATE_HZ, HardwareWorld, listed
+from ..hardware import HardwareWorld, listed
 from ..world import Drives, EstopCheck, WorldSettings
 from .bridge import POLL_S, Estop, Message, RosLink, waited
 from .joint_states import ControllerState, JointStates, Mapping, RosSetup, version_of
@@ -220,7 +220,7 @@ class RosRobot:
         sent.
         """
         setup, now = self.setup, time.monotonic()
-        point, stamp_s = self.mapping.to_ros(targets_rad), self.controller.clock.at(now)
+        point, stamp_s = self.mapping.told(targets_rad), self.controller.clock.at(now)
         late = stamp_s is not None and setup.ros == 1
         times_s = np.array([setup.lead_s, setup.lead_s + setup.stale_s] if late else [setup.lead_s])
         path = trajectory(
@@ -250,7 +250,7 @@ class RosRobot:
             period_s: of the commands.
         """
         pose, begin_s = pose_rad.copy(), time.monotonic()
-        if self.controller.wants(self.mapping.to_ros(pose)):
+        if self.controller.wants(self.mapping.told(pose)):
             pose[0] -= np.copysign(_NOTICED_RAD, pose[0])
         for again in (False, True):
             if again:
@@ -270,7 +270,7 @@ class RosRobot:
     def _imposed(self, pose_rad: Array, period_s: float) -> bool:
         """Send a pose until the controller wants it; whether it does in time."""
         point, end = (
-            self.mapping.to_ros(pose_rad),
+            self.mapping.told(pose_rad),
             time.monotonic() + _PATIENCE * self.setup.timeout_s,
         )
         while time.monotonic() < end:
@@ -502,7 +502,7 @@ class RosWorld(HardwareWorld):
         setup: RosSetup,
         servo: Servo | None = None,
         *,
-        rate_hz: float = RATE_HZ,
+        rate_hz: float | None = None,
         actuators: Actuators | None = None,
         estop: EstopCheck = "heard",
     ) -> None:
@@ -519,15 +519,12 @@ class RosWorld(HardwareWorld):
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
         """Make the world, see ``JointBus``."""
-        setup = RosSetup.from_yaml(
-            settings.file("a set-up file", cls.name), settings.robot.joint_names
-        )
-        settings.check_name(setup.robot)
+        setup = settings.device(RosSetup, "a set-up file", cls.name)
         return cls(
             settings.robot,
             setup,
             settings.servo,
-            rate_hz=RATE_HZ if settings.rate_hz is None else settings.rate_hz,
+            rate_hz=settings.rate_hz,
             actuators=settings.actuators,
             estop=settings.estop,
         )

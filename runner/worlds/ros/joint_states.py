@@ -21,6 +21,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import LARGEST, Array
 from stancekit.planners.files.documents import Strict, shown
 
+from ..hardware import Turning
 from ..world import SetupFile, own
 
 _Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
@@ -85,23 +86,14 @@ def same_names(joints: Sequence[str], **settings: Any) -> RosSetup:
     return RosSetup(joints={name: RosJoint(name=name) for name in joints}, **settings)
 
 
-class Mapping:
-    """Between joint angles [rad] in the robot's order and what ROS says; J joints."""
+class Mapping(Turning):
+    """Joints in the robot's order, as ROS counts them; names: what it calls them."""
 
     def __init__(self, setup: RosSetup, joints: Sequence[str]) -> None:
         setup.check(joints)
         mapped = [setup.joints[name] for name in joints]
         self.names = tuple(each.name for each in mapped)
-        self.direction = np.array([float(each.direction) for each in mapped])
-        self.offset = np.array([each.offset_rad for each in mapped])
-
-    def to_ros(self, angles_rad: Array) -> Array:
-        """Angles that are sent to ROS, shape (…, J)."""
-        return np.asarray(self.direction * angles_rad + self.offset)
-
-    def from_ros(self, values: Array) -> Array:
-        """Joint angles, shape (…, J)."""
-        return np.asarray(self.direction * (values - self.offset))
+        super().__init__([each.direction for each in mapped], [each.offset_rad for each in mapped])
 
 
 _KEPT = 100
@@ -268,7 +260,7 @@ class JointStates:
         with self._lock:
             table = self._table.copy()
         turned = self._mapping.direction
-        return self._mapping.from_ros(table[0]), turned * table[1], turned * table[2]
+        return self._mapping.angles(table[0]), turned * table[1], turned * table[2]
 
     def as_told(self) -> tuple[Array, Array, Array]:
         """Angles and rates as ROS counts, and when they were measured (-inf for never), each shape
