@@ -21,7 +21,13 @@ from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport
 from stancekit.runner.control.envelope_choice import Policy
 from stancekit.runner.log import Log, McapLog
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds.world import WORLDS as WORLDS, EstopCheck, JointBus, WorldSettings
+from stancekit.runner.worlds.world import (
+    WORLDS as WORLDS,
+    EstopCheck,
+    JointBus,
+    SoftContact,
+    WorldSettings,
+)
 
 if TYPE_CHECKING:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
@@ -38,6 +44,8 @@ def simulate(
     world: str | JointBus = "mujoco",
     *,
     settings: RunSettings = RunSettings(check_limits=False),
+    contact_stiffness_n_m: float | None = None,
+    contact_damping_ns_m: float | None = None,
     progress: Progress | None = None,
 ) -> RunReport:
     """Execute a plan or a walk in a simulated world at the pace of ``settings``, and compare
@@ -47,6 +55,10 @@ def simulate(
         motion: a plan of key frames, a walk, a leap, a crossing, or the file of one.
         world: "mujoco", "bullet", "FILE.py:NAME", or a simulated world that was made before.
         settings: settings of the run; limits are checked only with ``check_limits``.
+        contact_stiffness_n_m: force of each foot per depth, for ground that yields; None for hard
+            ground [N/m].
+        contact_damping_ns_m: force per speed of sinking; None for that of a robot which sinks
+            without swinging [N s/m].
         progress: called with the numbers of key frames done and of all.
 
     Returns:
@@ -67,7 +79,8 @@ def simulate(
     """
     accepted = accepted_of(motion)
     check_run(accepted, world, settings, led=False)
-    made = _world(world, accepted)
+    contact = SoftContact.of(contact_stiffness_n_m, contact_damping_ns_m)
+    made = _world(world, accepted, contact=contact)
     if made.kind != "simulation":
         made.close()
         called = world if isinstance(world, str) else made.name
@@ -278,17 +291,20 @@ def _world(
     asked: Accepted[Any] | Problem,
     setup: str | Path | None = None,
     arm: EstopCheck | None = None,
+    contact: SoftContact | None = None,
 ) -> JointBus:
     """The world, made for whom the motion is for where it is a name."""
     if not isinstance(world, str):
-        if setup is not None:
-            raise InvalidInput("setup: expected none with a world that was made before")
+        for name, given in (("setup", setup), ("contact_stiffness_n_m", contact)):
+            if given is not None:
+                raise InvalidInput(f"{name}: expected none with a world that was made before")
         return world
     return WORLDS.get(world).make(
         WorldSettings(
             robot=asked.robot,
             gravity_m_s2=asked.gravity_m_s2,
             setup=None if setup is None else Path(setup),
+            contact=contact,
             estop=arm or "heard",
         )
     )

@@ -341,3 +341,16 @@ def test_what_is_no_wrench_or_no_simulation_is_refused(step: Callable[[str], Mot
             RunSettings(wrench=wrong)
     with refuses("wrench"):
         stancekit.run(step("stairs"), "dynamixel", settings=RunSettings(wrench=(1.0, 0.0, 0.0)))
+
+
+def test_feet_sink_into_ground_that_yields_and_a_made_world_has_its_own() -> None:
+    plan = stancekit.plan("stairs", frames=2).solution
+    assert plan is not None
+    hard, soft = (
+        stancekit.simulate(plan, settings=FAST, contact_stiffness_n_m=stiffness).execution
+        for stiffness in (None, 2e4)
+    )
+    assert soft.com_worst_m > hard.com_worst_m
+    world = make_world("mujoco", plan.robot)
+    with world, refuses("contact_stiffness_n_m", "world"):
+        stancekit.simulate(plan, world, contact_stiffness_n_m=2e4)
