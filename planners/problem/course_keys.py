@@ -1,5 +1,6 @@
 """The keys of a course's file: what a person writes, typed, refused where it makes no sense. And
-other ways to lay it out: wider, lower or higher stances, more candidates, another order of the limbs.
+other ways to lay it out: wider, lower or higher stances, more candidates, another order of the
+limbs.
 """
 
 from __future__ import annotations

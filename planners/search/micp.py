@@ -4,7 +4,8 @@ bound in binaries.
 The program is ``relaxation.papers.micp``; which candidate patch a toe takes is binary, too. An
 envelope comes in as rows of its own over the whole grid (Lin et al.), or as the box that the grid
 divides. HiGHS has no second-order cones: with tangent planes around them "infeasible" holds for the
-cones, too, while a point may leave them. Whatever a solver claims, its point is projected and verified.
+cones, too, while a point may leave them. Whatever a solver claims, its point is projected and
+verified.
 """
 
 from __future__ import annotations
@@ -352,7 +353,7 @@ class Micp(Method):
             )
         check_numbers(self, least=("gap",))
         PROJECTIONS.get(self.projection)
-        _ = self.grid
+        _ = self.grid  # refuses what no grid has
         if isinstance(self.envelopes, EnvelopeSet) and len(self.envelopes.envelopes) > 1:
             raise InvalidInput(
                 f"envelopes: expected one envelope for micp, got {len(self.envelopes.envelopes)}"
