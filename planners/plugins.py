@@ -230,8 +230,6 @@ def made_or_class(thing: Any, method: str) -> bool:
 
 def _imported(module: str, where: str) -> ModuleType:
     """An installed module."""
-    if module in sys.modules:  # the usual case, at every step of an environment
-        return sys.modules[module]
     with foreign(f"{where}: cannot be imported"):
         return importlib.import_module(module)
 
