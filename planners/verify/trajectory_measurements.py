@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from itertools import product
 from types import MappingProxyType
 from typing import Any
@@ -405,8 +406,8 @@ class TrajectoryMeasurements:
         highest = terrain.heights_m
         for axis, line in enumerate(lines):
             aside = min(math.ceil(NEAR_M / float(np.diff(line).min())), len(line) - 1)
-            rows = np.arange(len(line))[:, None] + np.arange(-aside, aside + 1)
-            highest = np.take(highest, rows, axis=axis, mode="clip").max(axis=axis + 1)
+            rows = np.arange(-aside, aside + 1)[:, None] + np.arange(len(line))
+            highest = reduce(np.maximum, (highest.take(k, axis, mode="clip") for k in rows))
         cells = tuple(
             np.clip(np.searchsorted(line, xy[..., k]), 0, len(line) - 1)
             for k, line in enumerate(lines)
