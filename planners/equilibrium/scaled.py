@@ -1,5 +1,5 @@
-"""A posture problem or a course in non-dimensional numbers (E3, E4), by the rows of its layout:
-what programs are fed.
+"""A posture problem or a course in non-dimensional numbers (E3, E4), with the half-spaces of its
+limbs' reach, by the rows of its layout: what programs are fed.
 
 A posture is a plan of one frame: each contact a foothold with one candidate, all of them one
 stance. Lengths are in units of the length scale, forces of the force scale (a course's is the

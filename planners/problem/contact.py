@@ -1,5 +1,5 @@
-"""One limb on one patch: what a problem of one frame is made from; and candidate
-patches for toes on a terrain, the nearest surfaces to a wanted toe within reach of its shoulder.
+"""Contacts of limbs with patches, which a problem of one frame is made from, and the candidate
+patches of a toe on a terrain: the nearest surfaces within reach of its shoulder.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
-"""The keys of a course's file: what a person writes, typed, refused where it makes no sense. And
-other ways to lay it out: wider, lower or higher stances, more candidates, another order of the
-limbs.
+"""The keys of a course's file, and the alternative layouts that are tried of it: wider, lower or
+higher stances, more candidates, another order of the limbs.
+
+Keys are what a person writes, typed, and refused where they make no sense.
 """
 
 from __future__ import annotations

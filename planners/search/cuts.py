@@ -1,5 +1,5 @@
 """Cuts in space: best-first branch and bound on candidates, pieces of patches and force boxes, for
-any M ≥ 1.
+any M ≥ 1, and the nogoods that it learns from stances that fail.
 
 The lower bound is the lift with the least moment residual, the upper bound SCP from its toes. A
 node confines footholds to some candidates, candidates to pieces of their patches, stance contacts

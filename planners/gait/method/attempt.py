@@ -1,5 +1,5 @@
-"""One attempt at a gait task: a chart, a homotopy in the terrain's height, an initial guess; and
-the verifier's word.
+"""One attempt at a gait task: a chart, a homotopy in the terrain's height, an initial guess, the
+budget of its solves, the smoothing of what it finds, and the verifier's word.
 
 What a portfolio is made of, and what ``stancekit/WarpedGait-v0`` chooses among. Every solve of a
 plan goes through one budget, which records it, holds it to its caps and shows it. A motion that is
