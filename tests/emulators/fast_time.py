@@ -104,12 +104,14 @@ class LockStep:
         return self._now_s
 
     def sleep(self, seconds: float) -> None:
-        """Let so much of it pass once the host has looked; one that is away has its time
-        nevertheless.
+        """Let so much of it pass, in steps that the host sees one by one; one that is away has its
+        time nevertheless.
         """
-        self._looked.wait(AWAY_S)
-        self._looked.clear()
-        self._now_s += seconds
+        until_s = self._now_s + seconds
+        while self._now_s < until_s:
+            seen = self._looked.wait(AWAY_S)
+            self._looked.clear()
+            self._now_s = min(self._now_s + servo_bus.IDLE_S, until_s) if seen else until_s
 
     def select(self, read: Any, write: Any, other: Any, seconds: float) -> Any:
         """``select.select``, in that time."""
