@@ -31,16 +31,16 @@ Size = tuple[int, int]
 """Statements that are no docstrings, and syntax nodes below them."""
 
 HELD: dict[str, Size] = {
-    "api": (1271, 15528),
-    "cli": (2946, 35596),
+    "api": (1289, 15719),
+    "cli": (2919, 35503),
     "configs": (3, 30),
-    "envs": (2954, 41040),
-    "learners": (4620, 68392),
-    "planners": (34862, 576887),
-    "runner": (6456, 88767),
-    "views": (4004, 64535),
+    "envs": (2947, 41030),
+    "learners": (4616, 68379),
+    "planners": (34793, 577251),
+    "runner": (6416, 88526),
+    "views": (3970, 64275),
 }
-CAPS: dict[str, int] = {"tests": 41_700, "benchmarks": 13_260}
+CAPS: dict[str, int] = {"tests": 41_670, "benchmarks": 13_250}
 """Most statements of what is no package, which only fall, too."""
 ALLOWANCES: dict[str, int] = {
     "proofs": 0,
