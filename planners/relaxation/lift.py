@@ -145,7 +145,7 @@ class JointRelaxation:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The signed margin over one box (``relaxed.RelaxedProgram``)."""
+        """The signed margin over one box (``envelope.RelaxedProgram``)."""
         return programs.get(cls, scaled.layout, True).solve(scaled, box, gradient=gradient)
 
     @classmethod
@@ -156,7 +156,7 @@ class JointRelaxation:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The one box of each problem, all of one layout (``relaxed.RelaxedProgram``)."""
+        """The one box of each problem, all of one layout (``envelope.RelaxedProgram``)."""
         if any(len(each) != 1 for each in boxes):
             raise InvalidInput(f"envelopes: expected one for joint, got {max(map(len, boxes))}")
         return programs.get(cls, scaled[0].layout).solve_each(
@@ -325,7 +325,7 @@ class LiftProgram:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The least moment residual, whatever the box (``relaxed.RelaxedProgram``)."""
+        """The least moment residual, whatever the box (``envelope.RelaxedProgram``)."""
         return cls.answers(programs, [scaled], [[box]], [])[0]
 
     @classmethod
@@ -336,7 +336,7 @@ class LiftProgram:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The least moment residual of each problem (``relaxed.RelaxedProgram``)."""
+        """The least moment residual of each problem (``envelope.RelaxedProgram``)."""
         return [as_relaxation(solve_lift(programs, one, least_moment=True)) for one in scaled]
 
     def solve(self, scaled: Scaled) -> LiftAnswer:

@@ -145,7 +145,7 @@ class McCormick:
     def margin(
         cls, programs: Programs, scaled: Scaled, box: Envelope, *, gradient: bool = False
     ) -> RelaxationAnswer:
-        """The signed margin over one box (``relaxed.RelaxedProgram``)."""
+        """The signed margin over one box (``envelope.RelaxedProgram``)."""
         return programs.get(cls, scaled.layout).solve(scaled, box, gradient=gradient)
 
     @classmethod
@@ -156,7 +156,7 @@ class McCormick:
         boxes: Sequence[Sequence[Envelope]],
         points: Sequence[Array],
     ) -> list[RelaxationAnswer]:
-        """The best box of each problem, all of one layout (``relaxed.RelaxedProgram``)."""
+        """The best box of each problem, all of one layout (``envelope.RelaxedProgram``)."""
         return programs.get(cls, scaled[0].layout).solve_any_of_each(scaled, boxes)
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:

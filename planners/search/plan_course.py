@@ -152,7 +152,7 @@ def plan_course(
             (6,).
         layouts: ways in which a function lays the course out, the first before all others, which
             are tried while there is time in the order that the table of successes gives
-            (``alternatives.ordered``), where over none before a plan was accepted; its provenance
+            (``course_keys.ordered``), where over none before a plan was accepted; its provenance
             says which. *Infeasible* is said of the first alone, and only where that is stated.
         stated: whether whoever asks states the first layout; False where a planner has laid it out
             between two places, so that a proof that it has no plan says nothing of the question.
